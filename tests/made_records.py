@@ -86,7 +86,7 @@ def write(
     }
     recorder = Recorder(folder, epoch_us, about, patient=True, layout=RecordLayout(tuple(receivers)))
     names = list(receivers) if len(receivers) > 1 else [("vehicle", "receiver")]
-    recorder.observe(DatumSet(START_S, names[0][0], *HOME, ""))
+    recorder.observe(DatumSet(START_S, names[0][0], *HOME, ()))
     for of in names:
         for made in frames(scenario, count, of):
             recorder.observe(made)

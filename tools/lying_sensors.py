@@ -28,6 +28,7 @@ from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, SensorsDisagree
+from arva_hil.events.words.reasons import in_words
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.registry import STRATEGIES
@@ -248,7 +249,7 @@ class Flight:
             faults.append("it does not say why")
         return Report(
             outcome.kind if outcome else "",
-            outcome.how if outcome else "",
+            in_words(outcome.how) if outcome else "",
             lowest,
             max(heights, default=0.0),
             "; ".join(faults),

@@ -20,12 +20,14 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from arva_hil.campaign.plan import draw
+from arva_hil.campaign.trial import FOUND
 from arva_hil.clock import StepClock
 from arva_hil.config import Fault, Scenario, load
 from arva_hil.config.campaign import Random
+from arva_hil.events.words.reasons import in_words
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission.mission import FOUND, SearchPlan
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone
 
 FALSE_M: Final = 3.0
@@ -88,7 +90,7 @@ def flown(strategy: str, seed: int, most: int, gps_noise_m: float = 0.0) -> Flow
     (drone,) = loop.drones
     run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: drone.decided)
     mission, outcome = drone.mission, drone.search.outcome
-    told = mission.ended if mission else outcome.how if outcome else "no take-off"
+    told = in_words(mission.ended) if mission else in_words(outcome.how) if outcome else "no take-off"
     return Flown(
         seed,
         tuple(map(str, world.faults)),

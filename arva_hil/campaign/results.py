@@ -20,11 +20,10 @@ from typing import Any, Final
 import numpy as np
 
 from arva_hil.campaign.plan import Planned
-from arva_hil.campaign.trial import Result
+from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.errors import ArvaError
 from arva_hil.links import files
 from arva_hil.safe_text import cell, one_line
-from arva_hil.search.mission.mission import FOUND
 
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"

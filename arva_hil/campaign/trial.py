@@ -8,13 +8,15 @@ from typing import Final
 
 from arva_hil.clock import StepClock
 from arva_hil.config import Scenario
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.words.reasons import in_words
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission.mission import FOUND
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 
+FOUND: Final = in_words(because(Why.FOUND))  # in the table of results
 _STREAM_HZ: Final = 10.0  # of the pose; the vehicle's streams are most of the cost of a flight
 _AROUND_S: Final = 120.0  # for the take-off
 
@@ -103,8 +105,8 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
 def _outcome(drone: Drone) -> str:
     outcome, mission = drone.search.outcome, drone.mission
     if mission is None:
-        return outcome.how if outcome else f"no take-off in {_AROUND_S:g} s"
-    return mission.ended or (outcome.how if outcome else "no end")
+        return in_words(outcome.how) if outcome else f"no take-off in {_AROUND_S:g} s"
+    return in_words(mission.ended or (outcome.how if outcome else "no end"))
 
 
 def _team_outcome(found: int, wanted: int) -> str:

@@ -25,6 +25,7 @@ from arva_hil.cli.victims_report import name as name_of
 from arva_hil.clock import Clock, RealClock, StepClock, utc
 from arva_hil.config import Scenario
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TransmitterChosen
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
@@ -194,7 +195,7 @@ def _news(surroundings: common.Run) -> Callable[[str, Event], None]:
 
 
 def _outcome(drone: Drone, code: int) -> Outcome:
-    unended = Outcome("failed", "interrupted" if code == INTERRUPTED else "it did not end")
+    unended = Outcome("failed", (because(Why.INTERRUPTED if code == INTERRUPTED else Why.NO_END),))
     return drone.search.outcome or unended
 
 

@@ -21,7 +21,9 @@ from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
 from arva_hil.cli.watchers import close_all, live_observers, open_page
 from arva_hil.clock import RealClock
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, SetPointPlanned, WouldOrder
+from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
 from arva_hil.links import Link
@@ -58,7 +60,7 @@ class Searcher:
 
     @property
     def outcome(self) -> Outcome:
-        return (self.client and self.client.outcome) or Outcome("failed", "interrupted")
+        return (self.client and self.client.outcome) or Outcome("failed", (because(Why.INTERRUPTED),))
 
     def observe(self, event: Event) -> None:
         if isinstance(event, WouldOrder | SetPointPlanned):
@@ -259,7 +261,7 @@ def _end(searchers: Sequence[Searcher], guard: SignalGuard) -> str:
     """Return how the searches have ended, for the page."""
     first = searchers[0]
     if not first.member.name:
-        return first.outcome.how
+        return in_words(first.outcome.how)
     return "interrupted" if guard.caught else "ended"
 
 

@@ -12,11 +12,13 @@ from arva_hil.cli.outcome import FAILED, NO_LINK, OK, USAGE
 from arva_hil.cli.victims_report import name, victims_as_dicts, victims_found, where
 from arva_hil.clock import utc
 from arva_hil.events import Event
+from arva_hil.events.event_json import event_object
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.words.reasons import in_words
 from arva_hil.records.pictures.search import Track, draw_search
 from arva_hil.records.writing import RecordError
 from arva_hil.records.writing.search_log import TRACK, SearchLog
 from arva_hil.search.mission.choice import NO_ID
-from arva_hil.search.mission.mission import FOUND
 from arva_hil.search.mission.outcome import Outcome
 
 PICTURE: Final = "search.png"
@@ -61,18 +63,18 @@ def close_log(
 
 def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({})) -> list[str]:
     """Return the outcome in words. `found_by`: the drone of the team that has found each transmitter."""
-    found = outcome.found
+    found, how = outcome.found, in_words(outcome.how)
     if outcome.wanted != 1:
         lines = victims_found(outcome)
     elif found is None:
-        lines = [f"{outcome.how}; nothing found" if outcome.frames and outcome.kind == "failed" else outcome.how]
+        lines = [f"{how}; nothing found" if outcome.frames and outcome.kind == "failed" else how]
     else:
         place = where(found)
         first = f"found {name(outcome.id)}: {place}"
         if outcome.kind == "not sure":
-            first = f"{outcome.how}, {name(outcome.id)} at {place}"
-        elif outcome.how != FOUND:
-            first += f", but {outcome.how}"
+            first = f"{how}, {name(outcome.id)} at {place}"
+        elif outcome.how != (because(Why.FOUND),):
+            first += f", but {how}"
         lines = [first]
     if outcome.lat_lon and outcome.wanted == 1:
         lat, lon = outcome.lat_lon
@@ -113,7 +115,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
     found = outcome.found
     return {
         "outcome": outcome.kind,
-        "how": outcome.how,
+        "how": in_words(outcome.how),
         "id": None if outcome.id == NO_ID else outcome.id,
         "found": None if found is None else {**found._asdict(), "lat_lon": outcome.lat_lon},
         "origin": outcome.origin,
@@ -131,4 +133,5 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
 
 def would_order(planned: Iterable[Event]) -> list[dict[str, Any]]:
     """The orders of a dry run, for a program: those of `WouldOrder` and `SetPointPlanned`, with their fields."""
-    return [{"order": "SET_POSITION_TARGET_LOCAL_NED", **vars(event)} for event in planned]
+    every = [{"order": "SET_POSITION_TARGET_LOCAL_NED", **event_object(event)} for event in planned]
+    return [{name: value for name, value in one.items() if name != "event"} for one in every]

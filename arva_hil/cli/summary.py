@@ -15,6 +15,7 @@ from arva_hil.config import Scenario, to_dict
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.ports import Port
+from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.records.writing.layout import RecordLayout
 from arva_hil.runtime.drivers import Live
@@ -83,7 +84,7 @@ def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
     return {
         "vehicle": dataclasses.asdict(known) if known else None,
         "datum": vehicle.world.datum.of_the_flight,
-        "datums": [change._asdict() for change in vehicle.world.datum.changes],
+        "datums": [change._asdict() | {"why": in_words(change.why)} for change in vehicle.world.datum.changes],
     }
 
 

@@ -166,14 +166,14 @@ class TerminalQuestion:
         self._fd = fd
         self._typed = b""
 
-    def ask(self, text: str) -> None:
-        """Show the question. Text that was typed before is discarded."""
+    def ask(self, label: str) -> None:
+        """Ask if a vehicle, which is not known to be a simulator, may fly. Text that was typed before is discarded."""
         import termios
 
         with contextlib.suppress(termios.error):
             termios.tcflush(self._fd, termios.TCIFLUSH)
         self._typed = b""
-        self._say(f"{text}: ")
+        self._say(f"{label} is not known to be a simulator: propellers will turn. Type yes to let it fly: ")
 
     def answer(self) -> str | None:
         """The line that was typed since then; None if there is none yet, "" if the terminal is closed."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.words.reasons import in_words
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.mission.choice import NO_ID
-from arva_hil.search.mission.mission import FOUND
 from arva_hil.search.mission.outcome import Outcome, lla
 from arva_hil.search.mission.victims import Victim
 from arva_hil.search.strategies.strategy import Found
@@ -29,8 +30,8 @@ def victims_found(outcome: Outcome) -> list[str]:
     asked = "all that are heard" if outcome.wanted is None else str(outcome.wanted)
     count = sum(victim.sure for victim in outcome.victims)
     lines = [f"found {count} of {asked}" if outcome.wanted else f"found {count}; searched for {asked}"]
-    if outcome.how != FOUND:
-        lines[0] += f": {outcome.how}"
+    if outcome.how != (because(Why.FOUND),):
+        lines[0] += f": {in_words(outcome.how)}"
     if outcome.victims:
         lines.append("order of probing, the surest place first:")
     origin = LocalFrame(*outcome.origin) if outcome.origin else None

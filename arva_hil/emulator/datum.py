@@ -11,6 +11,7 @@ from arva_hil.autopilot.following.navigation import Place
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
 from arva_hil.events import Event, FrameMade, TooFar
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field import LocalFrame
 
@@ -25,11 +26,11 @@ _ARMING_S: Final = 2.0
 
 
 class DatumChange(NamedTuple):
-    """From `time_s` of the run the datum is at `lat_lon_alt`. `why` it was moved; "" for the first one."""
+    """From `time_s` of the run the datum is at `lat_lon_alt`. `why`: empty for the first one."""
 
     time_s: float
     lat_lon_alt: Place
-    why: str
+    why: tuple[Reason, ...]
 
 
 class Datum:
@@ -64,7 +65,7 @@ class Datum:
         self._near: Place | None = None  # a home that is used when the vehicle arms
         self._far_said = False
         if fixed != "home":
-            self._take((fixed.lat, fixed.lon, fixed.alt), start, "")
+            self._take((fixed.lat, fixed.lon, fixed.alt), start, None)
 
     @property
     def of_the_flight(self) -> Place | None:
@@ -111,9 +112,9 @@ class Datum:
             return False
         if self._has_landed and self._armed_at is None and self._is_near(home):
             return False
-        why = "home has come" if self._provisional else "home has moved"
+        why = Why.HOME_CAME if self._provisional else Why.HOME_MOVED
         self._provisional = False
-        return self._take(home, now, "a new home after landing" if self._has_landed else why)
+        return self._take(home, now, Why.HOME_AFTER_LANDING if self._has_landed else why)
 
     def _is_near(self, home: Place) -> bool:
         """Return True if a home is at the same place as the datum. Calculated once for each home."""
@@ -132,15 +133,15 @@ class Datum:
             self._first_position_at = now
         if now - self._first_position_at < HOME_WAIT_S:
             return False
-        why = "its position has jumped" if life[0] == self._taken_in[0] else "the vehicle has rebooted"
+        why = Why.POSITION_JUMPED if life[0] == self._taken_in[0] else Why.REBOOTED
         self._provisional, self._taken_in = True, life
         return self._take((first.lat, first.lon, first.alt), now, why)
 
-    def _take(self, place: Place, now: float, why: str) -> bool:
+    def _take(self, place: Place, now: float, why: Why | None) -> bool:
         """Move the datum. Returns whether it was elsewhere before."""
         if place == self.lla:
             return False
-        self.changes.append(DatumChange(now - self._start, place, why if self.lla else ""))
+        self.changes.append(DatumChange(now - self._start, place, (because(why),) if why and self.lla else ()))
         self._far_said, self._near = False, None
         self.lla = place
         self.frame = LocalFrame(*place)

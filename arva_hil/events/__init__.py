@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import dataclass_transform
 
-from arva_hil.events.reasons import NoPose, NoVehicle
+from arva_hil.events.reasons import NoPose, NoVehicle, Reason
 from arva_hil.mavlink.codec import Packet
 from arva_hil.model.field.dipole import Transmitters
 from arva_hil.model.receiver import Pose, Reading
@@ -228,13 +228,13 @@ class VehicleEvent(Event):
 class DatumSet(VehicleEvent):
     """The vehicle has a new datum, the origin of the scenario: degrees, degrees, metres AMSL.
 
-    `reason`: the reason of a change, "" for the first datum.
+    `reason`: the reasons of a change, empty for the first datum.
     """
 
     lat: float
     lon: float
     alt: float
-    reason: str
+    reason: Sequence[Reason]
 
 
 class GroundMissing(VehicleEvent):

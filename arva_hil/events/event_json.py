@@ -7,14 +7,28 @@ import functools
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from arva_hil import events
-from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport, searches, vehicles
-from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
+from arva_hil.events import BytesSent, DatumSet, Event, FrameMade, PacketsReceived, StatusReport, searches, vehicles
+from arva_hil.events.searches import (
+    BeliefChanged,
+    FrameHeard,
+    FromSearch,
+    PlaceFound,
+    SearchEnded,
+    TakeOffPoint,
+    WouldOrder,
+)
+from arva_hil.events.words.reasons import in_words, order_in_words
 
 _DRAWN: Final = (BytesSent, PacketsReceived, StatusReport, FrameHeard, BeliefChanged, PlaceFound, TakeOffPoint)
+_WORDED: Final[Mapping[tuple[type, str], Callable[[Any], str]]] = {  # fields that a record has in words
+    (DatumSet, "reason"): in_words,
+    (SearchEnded, "how"): in_words,
+    (WouldOrder, "what"): order_in_words,
+}
 NOT_NEWS: Final = (FrameMade, *_DRAWN)  # frames have objects of their own; the others are for observers that draw
 
 
@@ -57,11 +71,14 @@ def _kinds() -> Mapping[str, type[Event]]:
 
 
 def _fields(value: Any, prefix: str = "") -> dict[str, Any]:
-    """Fields by name. The fields of a nested value are named `name_field`."""
+    """Fields by name. The fields of a nested value are named `name_field`; reasons are in words."""
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(value):
         name, part = prefix + field.name, getattr(value, field.name)
-        fields |= _fields(part, f"{name}_") if dataclasses.is_dataclass(part) else {name: _plain(part)}
+        if (value.__class__, field.name) in _WORDED:
+            fields[name] = _WORDED[value.__class__, field.name](part)
+        else:
+            fields |= _fields(part, f"{name}_") if dataclasses.is_dataclass(part) else {name: _plain(part)}
     return fields
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason
 from firmware_proto import Frame
 
 
@@ -91,11 +93,25 @@ class DryRunBegun(SearchEvent):
     countdown_s: float
 
 
+@dataclass(frozen=True)
+class OrderDetail:
+    """The content of an order."""
+
+    mode: str = ""
+    """The mode that is ordered, "" if none is."""
+    height_m: float | None = None
+    """The height of a take-off above the take-off point."""
+    set_points_hz: float | None = None
+    """The rate of set-points with velocity 0, which are sent before the order."""
+    at_end: bool = False
+    """True if the order ends the search."""
+
+
 class WouldOrder(SearchEvent):
-    """In a dry run: what would be ordered next. `order`: MAV_CMD's name; `what`: of it, in words."""
+    """In a dry run: what would be ordered next. `order`: MAV_CMD's name."""
 
     order: str
-    what: str
+    what: OrderDetail
 
 
 class SetPointPlanned(SearchEvent):
@@ -131,7 +147,7 @@ class SearchBegun(SearchEvent):
 class SearchEnded(SearchEvent):
     """The search has ended. `how`: as in the outcome; `landing`: the vehicle lands, else it hovers."""
 
-    how: str
+    how: Sequence[Reason]
     landing: bool
 
 

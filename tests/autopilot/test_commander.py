@@ -15,6 +15,7 @@ from pymavlink.generator.mavcrc import x25crc
 from arva_hil.autopilot.commanding.commander import Commander
 from arva_hil.autopilot.commanding.state import Phase
 from arva_hil.events.vehicles import AutopilotText
+from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -132,7 +133,7 @@ def test_it_takes_off_follows_a_velocity_with_its_heading_kept_and_lands(make: C
     flight.commander.land(flight.now)
     flight.reach(Phase.ENDED)
     assert flight.vehicle.truth(flight.now).ned[2] == pytest.approx(0.0, abs=0.01)
-    assert flight.commander.why == ""
+    assert flight.commander.why == ()
     count = len(flight.sent)
     flight.pass_s(5)
     assert len(flight.sent) == count
@@ -172,7 +173,7 @@ def test_px4_is_told_to_follow_set_points_once_they_flow_and_they_never_pause(st
     flight.reach(Phase.ENDED)
     times = [at for at, _ in flight.set_points]
     assert max(b - a for a, b in pairwise(times)) < 0.45
-    assert flight.commander.why == ""
+    assert flight.commander.why == ()
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
@@ -360,7 +361,7 @@ def test_the_second_acknowledgement_of_px4_is_the_one_that_is_told() -> None:
         told.ack(SET_MODE, DENIED)
         told.beat(POSITION)
     assert told.commander.phase is Phase.LOST
-    assert told.commander.why == "the vehicle does not arm: setting the mode: DENIED"
+    assert in_words(told.commander.why) == "the vehicle does not arm: setting the mode: DENIED"
 
 
 def test_a_refused_take_off_is_tried_again_at_once() -> None:
@@ -386,7 +387,7 @@ def test_what_is_answered_to_us_or_to_all_counts_and_no_other_answer(targets: li
         told.ack(ARM, DENIED, target)
         told.ack(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, FAILED, target)
     told.hear(6.0)
-    assert told.commander.why == f"the vehicle does not arm: {why}"
+    assert in_words(told.commander.why) == f"the vehicle does not arm: {why}"
 
 
 # -- refusals ----------------------------------------------------------------------------------------------
@@ -416,7 +417,7 @@ def test_it_says_why_it_does_not_arm() -> None:
     told.hear(20.0)
     assert told.commander.phase is Phase.LOST
     why = f"arming: FAILED; PreArm: said before the launch; Arm: Throttle too high; {reason}"
-    assert told.commander.why == f"the vehicle does not arm: {why}"
+    assert in_words(told.commander.why) == f"the vehicle does not arm: {why}"
     assert told.hear(100.0) == []
 
 
@@ -424,7 +425,7 @@ def test_px4_without_a_text_says_why_by_its_status() -> None:
     flight = Flight(px4(healthy=False), arm_timeout_s=8.0)
     flight.reach(Phase.LOST)
     assert (
-        flight.commander.why
+        in_words(flight.commander.why)
         == "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro, rc receiver"
     )
     flight = Flight(px4(healthy=False))
@@ -452,7 +453,7 @@ def test_a_take_off_that_comes_to_nothing_ends_on_the_ground(make: Callable[[], 
     flight.reach(Phase.CLIMBING)
     flight.until(lambda: flight.commander.phase is not Phase.CLIMBING)
     assert flight.commander.phase is Phase.LOST  # it has disarmed itself, as autopilots do that stay on the ground
-    assert flight.commander.why.startswith("it was disarmed")
+    assert in_words(flight.commander.why).startswith("it was disarmed")
     assert flight.vehicle.truth(flight.now).ned[2] == pytest.approx(0.0, abs=0.01)
 
 
@@ -468,7 +469,7 @@ def test_a_climb_that_does_not_end_is_landed(autopilot: int) -> None:
     told.beat(told.land, armed=True)
     told.beat(told.land)
     assert told.commander.phase is Phase.ENDED
-    assert told.commander.why == "the vehicle does not take off: take-off: FAILED"
+    assert in_words(told.commander.why) == "the vehicle does not take off: take-off: FAILED"
 
 
 def test_px4_that_does_not_follow_set_points_is_landed() -> None:
@@ -482,7 +483,9 @@ def test_px4_that_does_not_follow_set_points_is_landed() -> None:
         told.beat(TAKE_OFF, armed=True)
         told.hear(1.0)
     assert told.commander.phase is Phase.LANDING
-    assert told.commander.why == "the vehicle does not follow velocities: setting the mode: TEMPORARILY_REJECTED"
+    assert (
+        in_words(told.commander.why) == "the vehicle does not follow velocities: setting the mode: TEMPORARILY_REJECTED"
+    )
 
 
 @PILOTS
@@ -494,7 +497,7 @@ def test_a_landing_that_does_not_end_is_given_up(autopilot: int) -> None:
     assert told.commander.phase is Phase.LANDING  # 4.9 m take a little longer
     told.hear(10.0)
     assert told.commander.phase is Phase.LOST
-    assert told.commander.why == "the vehicle does not land: it says nothing of why"
+    assert in_words(told.commander.why) == "the vehicle does not land: it says nothing of why"
 
 
 @pytest.mark.parametrize(
@@ -531,7 +534,7 @@ def test_a_mode_that_was_not_ordered_ends_all_orders(phase: Phase, autopilot: in
     told.reach(phase)
     told.beat(mode, armed=phase is not Phase.ARMING)
     assert told.commander.phase is Phase.LOST
-    assert told.commander.why == f"the mode is {name}: the pilot or a failsafe has taken over"
+    assert in_words(told.commander.why) == f"the mode is {name}: the pilot or a failsafe has taken over"
     told.commander.steer((1.0, 0.0, 0.0))
     told.commander.land(told.now)
     told.commander.hold(told.now)
@@ -546,7 +549,7 @@ def test_hold_is_a_take_over_of_px4_too(phase: Phase) -> None:
     told.reach(phase)
     told.beat(HOLD, armed=True)
     assert told.commander.phase is Phase.LOST
-    assert "the mode is hold" in told.commander.why
+    assert "the mode is hold" in in_words(told.commander.why)
 
 
 @pytest.mark.parametrize("height", [0.2, 0.7, 2.5, 4.3])
@@ -557,7 +560,7 @@ def test_hold_is_a_take_over_in_the_climb_at_any_height(height: float) -> None:
     assert told.hear(0.3) is not None
     told.beat(HOLD, armed=True)
     assert told.commander.phase is Phase.LOST
-    assert told.commander.why == "the mode is hold: the pilot or a failsafe has taken over"
+    assert in_words(told.commander.why) == "the mode is hold: the pilot or a failsafe has taken over"
     assert told.hear(60.0) == []
 
 
@@ -625,7 +628,7 @@ def test_somebody_else_arms_it() -> None:
     told.hear()
     told.beat(Mode.STABILIZE, armed=True)
     assert told.commander.phase is Phase.LOST
-    assert told.commander.why == "somebody else has armed it, in STABILIZE"
+    assert in_words(told.commander.why) == "somebody else has armed it, in STABILIZE"
     assert told.hear(10.0) == []
 
 
@@ -635,7 +638,7 @@ def test_it_is_disarmed(phase: Phase) -> None:
     told.reach(phase)
     told.beat(told.steer)
     assert told.commander.phase is Phase.LOST
-    assert told.commander.why == "it was disarmed; the mode is GUIDED"
+    assert in_words(told.commander.why) == "it was disarmed; the mode is GUIDED"
     assert told.hear(10.0) == []
 
 
@@ -690,7 +693,7 @@ def test_a_hold_that_is_refused_is_given_up() -> None:
         told.beat(OFFBOARD, armed=True)
         told.hear(1.0)
     assert told.commander.phase is Phase.LOST
-    assert told.commander.why == "the vehicle does not hover: setting the mode: DENIED"
+    assert in_words(told.commander.why) == "the vehicle does not hover: setting the mode: DENIED"
 
 
 @pytest.mark.parametrize("order", [Commander.hold, Commander.land])

@@ -12,10 +12,9 @@ from pathlib import Path
 
 from arva_hil.campaign.plan import Planned, trials
 from arva_hil.campaign.runner import WorkerPool
-from arva_hil.campaign.trial import Result, Trial
+from arva_hil.campaign.trial import FOUND, Result, Trial
 from arva_hil.clock import RealClock
 from arva_hil.config.campaign import parse_plan
-from arva_hil.search.mission.mission import FOUND
 
 FOLDER = "FAKE_FLIGHTS"  # in the environment: where `gated` writes down what it flies, and looks for the gate
 FREE = 3  # seeds up to this one fly through a closed gate

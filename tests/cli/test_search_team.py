@@ -11,6 +11,7 @@ import pytest
 
 from arva_hil.cli.search_members import far_end
 from arva_hil.cli.search_report import exit_code, found_by, result
+from arva_hil.events.reasons import Why, because
 from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.outcome import Outcome
 from tests.free_ports import free_port
@@ -174,13 +175,17 @@ def test_two_searches_on_one_link_have_a_vehicle_each(start: Start, field: Path,
     ],
 )
 def test_a_team_succeeds_if_something_was_found_and_nothing_failed(kinds: list[Any], code: int) -> None:
-    assert exit_code([Outcome(kind, "") for kind in kinds]) == code
+    assert exit_code([Outcome(kind, ()) for kind in kinds]) == code
 
 
 def test_what_another_drone_has_found_is_not_said_to_be_lacking() -> None:
     heard = ((2, HeardTransmitter(18.0, (0.7, 0.8))), (3, HeardTransmitter(31.0, (4.0, 5.0))))
-    found = Outcome("found", "found", id=1, others=heard)
-    outcomes = {"a": found, "b": Outcome("found", "found", id=2), "c": Outcome("not sure", "not sure", id=3)}
+    found = Outcome("found", (because(Why.FOUND),), id=1, others=heard)
+    outcomes = {
+        "a": found,
+        "b": Outcome("found", (because(Why.FOUND),), id=2),
+        "c": Outcome("not sure", (because(Why.NOT_SURE),), id=3),
+    }
     assert found_by(outcomes) == {1: "a", 2: "b"}
     *_, second, third = result(found, found_by(outcomes))
     assert second == "transmitter 2 was heard, and found by b"

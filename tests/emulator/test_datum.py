@@ -12,6 +12,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.config import DEFAULT, Lla
 from arva_hil.emulator.datum import HOME_WAIT_S, Datum
 from arva_hil.events import Event, FrameMade, TooFar
+from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.sentences import sentence
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import LocalFrame
@@ -92,7 +93,7 @@ def test_home_is_followed_until_the_vehicle_arms_and_again_after_it_has_landed(t
     assert not told.heartbeat(4.0)
     assert told.home(C, 5.0)
     assert told.lies_at(C)
-    assert [change.why for change in told.datum.changes] == ["", "home has moved", "a new home after landing"]
+    assert [in_words(change.why) for change in told.datum.changes] == ["", "home has moved", "a new home after landing"]
     assert [change.time_s for change in told.datum.changes] == [0.1, 1.0, 5.0]
     assert told.datum.of_the_flight == pytest.approx(B)
 
@@ -128,7 +129,7 @@ def test_home_where_the_vehicle_has_landed_is_the_datum_when_it_arms_again(told:
     assert told.heartbeat(100.0, armed=True)
     assert told.lies_at(landed)
     assert told.datum.of_the_flight == pytest.approx(landed)
-    assert told.datum.changes[-1].why == "a new home after landing"
+    assert in_words(told.datum.changes[-1].why) == "a new home after landing"
 
 
 def test_home_that_is_set_by_arming_again_may_come_just_after_it(told: Told) -> None:
@@ -228,7 +229,7 @@ def test_without_home_a_reboot_elsewhere_begins_anew_after_the_wait_for_home(tol
     assert told.lies_at(A)
     assert told.position(C, 71.2, boot=6.2)
     assert told.lies_at(C)
-    assert told.datum.changes[-1].why == "the vehicle has rebooted"
+    assert in_words(told.datum.changes[-1].why) == "the vehicle has rebooted"
 
 
 # -- positions that jump -------------------------------------------------------------------------------------------
@@ -243,7 +244,7 @@ def test_without_home_a_jump_before_arming_is_a_new_datum(told: Told) -> None:
     assert not told.position(ORIGIN, 7.0)  # not believed yet
     assert told.position(ORIGIN, 8.0)
     assert told.lies_at(ORIGIN)
-    assert told.datum.changes[-1].why == "its position has jumped"
+    assert in_words(told.datum.changes[-1].why) == "its position has jumped"
     assert not told.position((46.5001, 11.35, 589.0), 9.0)
 
 

@@ -10,7 +10,7 @@ import pytest
 from arva_hil import events
 from arva_hil.events import Event, searches, teams, vehicles
 from arva_hil.events.event_json import NOT_NEWS, event_json, event_name
-from arva_hil.events.reasons import HeardSource, NoPose, NoVehicle, SilentStream
+from arva_hil.events.reasons import HeardSource, NoPose, NoVehicle, SilentStream, Why, because
 from arva_hil.events.words.reasons import no_pose, no_vehicle
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
@@ -122,7 +122,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "the autopilot has told where the ground is: no transmitter waits for it",
     ),
     (
-        events.DatumSet(*VEHICLE, 46.5, 11.35, 1800.0, "home has moved"),
+        events.DatumSet(*VEHICLE, 46.5, 11.35, 1800.0, (because(Why.HOME_MOVED),)),
         "info",
         "datum: 46.5000000, 11.3500000, 1800.00 m AMSL (home has moved)",
     ),
@@ -259,7 +259,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "info",
         "dry run: all is ready. px4 quadrotor 1/1 would be taken over in the air, by these orders:",
     ),
-    (searches.WouldOrder(1.0, "DO_SET_MODE", "hold"), "info", "  DO_SET_MODE: hold"),
+    (searches.WouldOrder(1.0, "DO_SET_MODE", searches.OrderDetail("hold")), "info", "  DO_SET_MODE: hold"),
     (
         searches.SetPointPlanned(1.0, 0.5, -0.001, 0.0, 30.4, 5.0),
         "info",
@@ -270,8 +270,8 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (searches.Launched(1.0, LABEL, False), "info", "arming px4 quadrotor 1/1"),
     (searches.Launched(1.0, LABEL, True), "info", "taking over px4 quadrotor 1/1"),
     (searches.SearchBegun(1.0, 2.96), "info", "3.0 m high: the search begins"),
-    (searches.SearchEnded(1.0, "found", True), "info", "found; landing"),
-    (searches.SearchEnded(1.0, "found", False), "info", "found; hovering"),
+    (searches.SearchEnded(1.0, (because(Why.FOUND),), True), "info", "found; landing"),
+    (searches.SearchEnded(1.0, (because(Why.FOUND),), False), "info", "found; hovering"),
     (searches.SearchInterrupted(1.0, "flying"), "info", "interrupted: the vehicle stays hovering"),
     (searches.SearchInterrupted(1.0, "arming"), "info", "interrupted: the vehicle is disarmed"),
     (
@@ -461,7 +461,7 @@ def test_json_names_follow_from_the_class_and_fields_of_fields_are_joined() -> N
         "lacking_message": "",
         "lacking_streams": [["ATTITUDE", "", 0.0, "", False, False]],
     }
-    landing = searches.FromSearch(2.0, searches.SearchEnded(2.0, "found", True))
+    landing = searches.FromSearch(2.0, searches.SearchEnded(2.0, (because(Why.FOUND),), True))
     assert json.loads(event_json(landing) or "") == {
         "event": "search_ended",
         "time_s": 2.0,

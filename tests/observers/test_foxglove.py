@@ -71,7 +71,7 @@ def test_a_client_gets_every_message_with_its_schema_and_time() -> None:
         client = FoxgloveClient(served.port)
         subscribed(served, client)
         before = len(client.of("/arva"))
-        served.observe(DatumSet(0.0, "vehicle", *HOME, ""))
+        served.observe(DatumSet(0.0, "vehicle", *HOME, ()))
         for n in range(20):
             served.observe(made(time_s=1.5 + n))
         assert client.channels["/arva"] == ("cdr", "arva_msgs/msg/Arva", "ros2msg")

@@ -85,7 +85,7 @@ def publisher() -> Ros2Publisher:
 
 def test_every_reading_is_published_with_the_bytes_that_others_read(rclpy: Rclpy) -> None:
     ours = publisher()
-    ours.observe(DatumSet(0.0, "vehicle", *HOME, ""))
+    ours.observe(DatumSet(0.0, "vehicle", *HOME, ()))
     for n in range(10):
         ours.observe(made(time_s=1.5 + n))
     ours.close()

@@ -183,7 +183,7 @@ def test_streams_counters_and_links_are_shown() -> None:
 
 def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_shown_once() -> None:
     state = State("run", "", named=True)
-    state.update([DatumSet(0.0, "vehicle", *HOME, ""), DatumSet(0.0, "other", 46.0, 7.0, 1640.0, "")])
+    state.update([DatumSet(0.0, "vehicle", *HOME, ()), DatumSet(0.0, "other", 46.0, 7.0, 1640.0, ())])
     here, there = transmitters((20.0, 5.0, 0.0)), transmitters((20.0, 5.0, -10.0))
     state.update([status(1.0, here), status(1.0, there, "other")])
     (one,) = shown(state)["transmitters"]
@@ -196,7 +196,7 @@ def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_show
 
 def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() -> None:
     state = State("demo", "")
-    state.update([DatumSet(0.0, "vehicle", *HOME, "")])
+    state.update([DatumSet(0.0, "vehicle", *HOME, ())])
     north = 46.0 + 1 / 111.15e3
     events = [
         TakeOffPoint(1.0, north, 7.0, 1650.0),

@@ -20,7 +20,7 @@ def lines(folder: Path) -> list[dict[str, object]]:
 
 def test_events_are_as_json_gives_them_and_frames_and_packets_are_none(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, 0)
-    recorder.observe(DatumSet(1.5, "alpha", 46.0, 7.0, 1650.0, ""))
+    recorder.observe(DatumSet(1.5, "alpha", 46.0, 7.0, 1650.0, ()))
     recorder.observe(PacketsReceived(1.5, "autopilot", []))
     recorder.close({})
     assert lines(tmp_path) == [
@@ -54,7 +54,7 @@ def test_the_status_is_there_once_a_second(tmp_path: Path) -> None:
 def test_a_vehicle_that_never_stops_talking_does_not_fill_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_MOST_BYTES", 1000)
     made = EventLines(0)
-    data = b"".join(made.of(DatumSet(float(n), "a", 1.0, 2.0, 3.0, "x")) for n in range(100))
+    data = b"".join(made.of(DatumSet(float(n), "a", 1.0, 2.0, 3.0, ())) for n in range(100))
     *_, before, last = map(json.loads, data.splitlines())
     assert before["event"] == "datum_set"
     assert last == {"event": "events_left_out", "time_s": before["time_s"] + 1}

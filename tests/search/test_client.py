@@ -14,6 +14,8 @@ import pytest
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import Clock, StepClock
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
@@ -22,7 +24,6 @@ from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.runtime.loop import run
 from arva_hil.search.flight.client import SearchClient
-from arva_hil.search.flight.preflight import INTERRUPTED
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
@@ -148,7 +149,7 @@ class World:
         self.until(lambda: self.client.outcome, within_s)
         outcome = self.client.outcome
         assert outcome is not None
-        return outcome.kind, outcome.how
+        return outcome.kind, in_words(outcome.how)
 
     def pass_s(self, seconds: float) -> None:
         end = self.clock.now() + seconds
@@ -795,7 +796,7 @@ def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> 
     world.pass_s(3)
     world.client.stop()
     assert "interrupted: the vehicle stays hovering" in world.said
-    assert world.end(3.0) == ("failed", INTERRUPTED)
+    assert world.end(3.0) == ("failed", in_words(because(Why.INTERRUPTED)))
     stopped = world.clock.now()
     world.pass_s(4)
     before = world.ned
@@ -818,7 +819,7 @@ def test_broken_off_while_it_lands_it_goes_on_landing_and_says_so(make: Callable
     world.client.stop()
     assert "interrupted: the vehicle lands; the mode switch stops it" in world.said
     assert not any("hovering" in text for text in world.said if text.startswith("interrupted"))
-    assert world.end(30.0) == ("failed", INTERRUPTED)
+    assert world.end(30.0) == ("failed", in_words(because(Why.INTERRUPTED)))
     assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
 
 
@@ -826,7 +827,7 @@ def test_broken_off_before_anything_was_armed_it_ends_at_once() -> None:
     world = World(ardupilot(fix_after=1e6))
     world.pass_s(5)
     world.client.stop()
-    assert world.end(0.5) == ("failed", INTERRUPTED)
+    assert world.end(0.5) == ("failed", in_words(because(Why.INTERRUPTED)))
     assert world.orders() == []
 
 
@@ -834,7 +835,7 @@ def test_broken_off_while_it_arms_it_is_disarmed() -> None:
     world = World(px4(healthy=False))
     world.reach("arming")
     world.client.stop()
-    assert world.end(3.0) == ("failed", INTERRUPTED)
+    assert world.end(3.0) == ("failed", in_words(because(Why.INTERRUPTED)))
     assert (world.orders()[-1].command, world.orders()[-1].param1) == (dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
 
 

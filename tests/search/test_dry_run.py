@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import ConsentNeeded, CountDown, DryRunBegun, SetPointPlanned, WouldOrder
+from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.search.flight.dry_run import WOULD_FLY
 from arva_hil.search.flight.permission import Permission
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.search.test_client import BOTH, VICTIM, Broken, World, ardupilot
@@ -53,7 +54,7 @@ def nothing_moves(world: World) -> None:
 @pytest.mark.parametrize("land", [True, False])
 def test_it_says_in_order_what_a_search_orders_and_orders_nothing(make: Callable[[], Any], land: bool) -> None:
     world = dry(make(), {"countdown_s": 3.0, "land": land})
-    assert world.end(60.0) == ("would fly", WOULD_FLY)
+    assert world.end(60.0) == ("would fly", in_words(because(Why.WOULD_FLY)))
     world.pass_s(5)
     nothing_moves(world)
     flown = World(make(), {"land": land})
@@ -89,7 +90,7 @@ def test_its_set_points_are_those_for_the_readings_of_now(make: Callable[[], Any
 @BOTH
 def test_a_vehicle_in_the_air_would_be_taken_over(make: Callable[..., Any]) -> None:
     world = dry(airborne(make, height=6.0), {"take_over": True}, height=6.0)
-    assert world.end(60.0) == ("would fly", WOULD_FLY)
+    assert world.end(60.0) == ("would fly", in_words(because(Why.WOULD_FLY)))
     assert world.orders() == []
     assert world.armed
     assert world.ned == pytest.approx((0.0, 0.0, -6.0), abs=0.9)
@@ -155,7 +156,7 @@ def test_a_person_is_not_asked_but_it_is_said_that_they_would_be(
     world = dry(make())
     world.client._preflight._permission = Permission(world.session, question=person, dry_run=True)
     world.between = truthless
-    assert world.end(60.0) == ("would fly", WOULD_FLY)
+    assert world.end(60.0) == ("would fly", in_words(because(Why.WOULD_FLY)))
     (needed,) = (event for event in world.events if isinstance(event, ConsentNeeded))
     assert needed.asked is (person is not None)
     assert person is None or person.asked == []

@@ -11,15 +11,18 @@ import pytest
 from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, HeightSource, SearchPaused
+from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field.rotation import Mount, from_euler
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission.mission import NOT_SURE
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import SENSORS
+
+NOT_SURE = in_words(because(Why.NOT_SURE))
 
 VICTIM = "{id: 1, ned: [14, 9, 1], attitude: {pitch: 20, yaw: 70}}"
 MOUNTED = "receiver: {mount: {position: [0.5, -0.2, 0.1], attitude: {roll: 5, yaw: 90}}}"
@@ -193,7 +196,7 @@ def test_a_receiver_that_sticks_near_the_end_has_found_nothing_it_cannot_know(
         assert flight.off is not None
         assert flight.off < 1.0
     else:
-        assert (flight.outcome.kind, flight.outcome.how) == (
+        assert (flight.outcome.kind, in_words(flight.outcome.how)) == (
             "failed",
             "the receiver repeats the same reading: it is stuck",
         )
@@ -201,12 +204,15 @@ def test_a_receiver_that_sticks_near_the_end_has_found_nothing_it_cannot_know(
 
 def test_a_receiver_that_sticks_is_said_and_landed_on() -> None:
     flight = Flight("extremum", "faults: [{stuck: true, from_s: 20}]")
-    assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver repeats the same reading: it is stuck")
+    assert (flight.outcome.kind, in_words(flight.outcome.how)) == (
+        "failed",
+        "the receiver repeats the same reading: it is stuck",
+    )
     assert "same readings" in [event.reason for event in flight.events if isinstance(event, SearchPaused)]
 
 
 def test_readings_that_come_late_end_not_sure() -> None:
     flight = Flight("flux", "faults: [{delay_s: 5}]", victim="{id: 1, ned: [8, 8, 0]}")
-    assert (flight.outcome.kind, flight.outcome.how) == ("not sure", NOT_SURE)
+    assert (flight.outcome.kind, in_words(flight.outcome.how)) == ("not sure", NOT_SURE)
     assert flight.off is not None
     assert flight.off > 2.5

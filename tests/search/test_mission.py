@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import (
     PlaceDoubted,
     SearchPaused,
@@ -21,14 +22,18 @@ from arva_hil.events.searches import (
     TransmitterFaded,
     TransmitterHeard,
 )
+from arva_hil.events.words.reasons import in_words
 from arva_hil.search.mission.choice import NO_ID
 from arva_hil.search.mission.conclusion import conclusion
 from arva_hil.search.mission.ground import Height
-from arva_hil.search.mission.mission import FOUND, NOT_SURE, Mission
+from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.analysis import TransmitterReadings
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
 from firmware_proto import INNER, MID, Channel, Frame
+
+FOUND = in_words(because(Why.FOUND))
+NOT_SURE = in_words(because(Why.NOT_SURE))
 
 LEVEL = np.eye(3)
 AT: Position = (3.0, 4.0, -1.0)
@@ -123,7 +128,7 @@ def test_the_end_of_the_strips_is_the_end_and_says_so(strategy: type[Scripted]) 
         north, east = heard(m, at_s=now, position=position)
         position = position[0] + north * 0.5, position[1] + east * 0.5, -1.0
         assert now < 200
-    assert (m.ended, m.broken, m.found) == ("no signal: all strips are flown", False, None)
+    assert (in_words(m.ended), m.broken, m.found) == ("no signal: all strips are flown", False, None)
     assert m.path_m == pytest.approx(25, abs=3)
     assert m.searched_s == pytest.approx(now - 100)
     assert heard(m, at_s=now + 1, position=position) == STILL
@@ -143,7 +148,7 @@ def test_a_place_that_the_newest_readings_contradict_is_looked_for_again_and_in_
         strategy.finds = Found(2.0 * n, 4.0)
         heard(m, beacon(5, 30 + n), at_s=101.0 + n, position=(2.0 * n, 4.0, -1.0))
         assert len(strategy.made) == n + 1
-    assert (m.ended, m.sure, m.found) == (NOT_SURE, False, strategy.finds)
+    assert (in_words(m.ended), m.sure, m.found) == (NOT_SURE, False, strategy.finds)
     doubted = [event for event in m.news() if isinstance(event, PlaceDoubted)]
     assert [(event.transmitter, event.north_m, event.east_m) for event in doubted] == [(5, 0.0, 4.0), (5, 2.0, 4.0)]
 
@@ -159,7 +164,7 @@ def test_a_place_that_is_found_again_is_believed_whatever_the_readings_there(
     heard(m, beacon(5, 30), at_s=101.0)
     assert not m.ended
     heard(m, beacon(5, 30), at_s=102.0)
-    assert (m.ended, m.sure, len(strategy.made)) == (FOUND, True, 2)
+    assert (in_words(m.ended), m.sure, len(strategy.made)) == (FOUND, True, 2)
 
 
 @pytest.mark.usefixtures("believed")
@@ -173,7 +178,7 @@ def test_while_only_the_last_readings_contradict_a_place_it_listens(
     assert heard(m, beacon(5, 30), at_s=101.0) == heard(m, beacon(5, 30), at_s=101.1) == STILL
     assert not m.ended
     heard(m, beacon(5, 30), at_s=101.2)
-    assert (m.ended, m.sure, len(strategy.made)) == (FOUND, True, 1)
+    assert (in_words(m.ended), m.sure, len(strategy.made)) == (FOUND, True, 1)
 
 
 @pytest.mark.usefixtures("believed")
@@ -183,10 +188,10 @@ def test_what_is_heard_near_the_ground_may_contradict_the_place_where_it_has_lan
     strategy.finds = Found(*AT[:2])
     m = mission(strategy)
     heard(m, beacon(5, 30), at_s=101.0)
-    assert m.ended == FOUND
+    assert in_words(m.ended) == FOUND
     monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
     m.confirm(120.0)
-    assert (m.ended, m.sure, m.found) == (NOT_SURE, False, strategy.finds)
+    assert (in_words(m.ended), m.sure, m.found) == (NOT_SURE, False, strategy.finds)
     assert conclusion(m)[0] == "not sure"
 
 
@@ -327,7 +332,7 @@ def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scri
     assert set(m.others) == {1, 2}  # while none is found
     strategy.finds = Found(5.0, 6.0)
     heard(m, beacon(1, 5), beacon(2, 50), at_s=104.0, position=(5.0, 6.0, -1.0))
-    assert (m.ended, m.target, m.found) == (FOUND, 1, Found(5.0, 6.0))
+    assert (in_words(m.ended), m.target, m.found) == (FOUND, 1, Found(5.0, 6.0))
     ((id_, other),) = m.others.items()
     assert (id_, other.nearest_m, other.nearest_at) == (2, 35.0, (2.0, 2.0))
     heard(m, beacon(2, 30), at_s=105.0, position=(4.0, 4.0, -1.0))  # on the way down
@@ -364,7 +369,7 @@ def test_without_frames_for_long_it_ends(strategy: type[Scripted], patience: flo
     m.fly(100.0 + patience, AT)
     assert not m.ended
     m.fly(100.1 + patience, AT)
-    assert (m.ended, m.broken) == (f"no frame from the receiver for {patience:g} s", True)
+    assert (in_words(m.ended), m.broken) == (f"no frame from the receiver for {patience:g} s", True)
 
 
 # -- other ends --------------------------------------------------------------------------------------------
@@ -374,7 +379,7 @@ def test_the_time_is_limited(strategy: type[Scripted]) -> None:
     m = mission(strategy, limit_s=50)
     assert heard(m, beacon(1, 20), at_s=150.0) == NORTH
     assert heard(m, beacon(1, 20), at_s=150.1) == STILL
-    assert (m.ended, m.broken, m.found) == ("not found in 50 s", False, None)
+    assert (in_words(m.ended), m.broken, m.found) == ("not found in 50 s", False, None)
 
 
 @pytest.mark.parametrize("position", [(151, 0, -1), (-151, 0, -1), (0, 251, -1), (0, -101, -1), (math.nan, 0, -1)])
@@ -382,7 +387,7 @@ def test_far_outside_its_area_is_no_place_for_a_search(strategy: type[Scripted],
     m = mission(strategy, area=(-50, 20, 50, 150))  # and the take-off point is inside
     assert heard(m, beacon(1, 20), at_s=101.0, position=(149, -99, -1)) == NORTH
     assert heard(m, beacon(1, 20), at_s=102.0, position=position) == STILL
-    assert (m.ended, m.broken) == ("it is more than 100 m outside the area", True)
+    assert (in_words(m.ended), m.broken) == ("it is more than 100 m outside the area", True)
 
 
 @pytest.mark.parametrize("found", [Found(math.nan, 0.0), Found(0.0, math.inf)])
@@ -390,7 +395,7 @@ def test_a_place_that_is_no_number_is_not_found(strategy: type[Scripted], found:
     m = mission(strategy)
     strategy.finds = found
     assert heard(m, beacon(1, 20), at_s=101.0) == NORTH
-    assert (m.ended, m.found) == ("", None)
+    assert (in_words(m.ended), m.found) == ("", None)
 
 
 @pytest.mark.parametrize("down", [math.nan, math.inf])
@@ -432,8 +437,8 @@ def test_a_strategy_that_fails_ends_the_search_and_not_the_flight(strategy: type
     m = mission(strategy)
     setattr(strategy, where, property(fail) if where == "found" else fail)
     assert heard(m, beacon(1, 20), at_s=101.0) == STILL
-    assert m.ended.startswith("the strategy has failed: LinAlgError('Singular matrix') (test_mission.py:")
-    assert m.ended.endswith("); mend it, and fly it in arva-hil demo first")
+    assert in_words(m.ended).startswith("the strategy has failed: LinAlgError('Singular matrix') (test_mission.py:")
+    assert in_words(m.ended).endswith("); mend it, and fly it in arva-hil demo first")
     assert m.broken
     assert heard(m, beacon(1, 20), at_s=102.0) == STILL
 
@@ -457,7 +462,7 @@ def test_time_may_go_anywhere(steps: list[tuple[float, bool, int]]) -> None:
             m.hear(frame(Channel(1, MID, d_cm, 0)), now, AT, LEVEL)
         flown = m.fly(now, AT)
         assert math.hypot(*flown[:2]) <= 1.0 + 1e-9
-        assert m.ended == "" or flown[:2] == STILL
+        assert in_words(m.ended) == "" or flown[:2] == STILL
 
 
 # -- the place found ---------------------------------------------------------------------------------------
@@ -468,10 +473,10 @@ def test_it_ends_above_the_place_found_wherever_that_was_found_from(strategy: ty
     m = mission(strategy)
     strategy.finds = Found(3.0, 4.0)
     assert heard(m, beacon(1, 5), at_s=101.0, position=(0.0, 0.0, -1.0)) == pytest.approx((0.6, 0.8))
-    assert m.ended == ""
+    assert in_words(m.ended) == ""
     assert m.fly(104.0, (2.0, 2.5, -1.0))[:2] != STILL  # without a frame: it is known where to
     assert m.fly(105.5, (2.8, 3.7, -1.0))[:2] == STILL
-    assert (m.ended, m.searched_s) == (FOUND, 5.5)
+    assert (in_words(m.ended), m.searched_s) == (FOUND, 5.5)
 
 
 @pytest.mark.usefixtures("believed")
@@ -480,9 +485,9 @@ def test_a_place_found_that_is_not_reached_ends_at_the_limit(strategy: type[Scri
     strategy.finds = Found(30.0, 40.0)
     heard(m, beacon(1, 50), at_s=101.0, position=(0.0, 0.0, -1.0))
     m.fly(109.0, (0.0, 0.0, -1.0))
-    assert m.ended == ""
+    assert in_words(m.ended) == ""
     m.fly(110.5, (0.0, 0.0, -1.0))
-    assert m.ended == FOUND
+    assert in_words(m.ended) == FOUND
 
 
 def test_a_place_that_the_readings_do_not_agree_with_is_not_sure(strategy: type[Scripted]) -> None:
@@ -491,7 +496,7 @@ def test_a_place_that_the_readings_do_not_agree_with_is_not_sure(strategy: type[
         heard(m, beacon(1, 20 - k), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))  # it lies 20 m north
     strategy.finds = Found(9.0, 0.0)
     heard(m, beacon(1, 10), at_s=112.0, position=(9.0, 0.0, -1.0))
-    assert (m.ended, m.sure, m.found) == (NOT_SURE, False, strategy.finds)
+    assert (in_words(m.ended), m.sure, m.found) == (NOT_SURE, False, strategy.finds)
 
 
 # -- on the ground -----------------------------------------------------------------------------------------
@@ -521,7 +526,7 @@ def test_what_stays_too_low_ends(strategy: type[Scripted]) -> None:
     m.fly(101.0, AT, height=Height(3.0, False))
     for k in range(12):
         m.fly(102.0 + k, AT, height=Height(0.7, False))
-    assert (m.ended, m.broken) == ("it does not get higher than 0.7 m", True)
+    assert (in_words(m.ended), m.broken) == ("it does not get higher than 0.7 m", True)
 
 
 def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Scripted]) -> None:
@@ -578,7 +583,7 @@ def test_a_reading_that_never_changes_is_not_flown_by(strategy: type[Scripted]) 
     assert m.news() == [SearchResumed(106.0, "same readings")]
     for k in range(20):
         heard(m, beacon(1, 8, 20), at_s=107.0 + k, position=(4.0 + min(k, 4), 0.0, -1.0))
-    assert (m.ended, m.broken) == ("the receiver repeats the same reading: it is stuck", True)
+    assert (in_words(m.ended), m.broken) == ("the receiver repeats the same reading: it is stuck", True)
 
 
 def test_what_the_receiver_says_again_elsewhere_tells_the_strategy_nothing(strategy: type[Scripted]) -> None:
@@ -616,4 +621,4 @@ def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(strategy: type[Scr
         heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))
     for k in range(20):
         m.fly(107.0 + k, AT)
-    assert m.ended == "no frame from the receiver for 10 s"
+    assert in_words(m.ended) == "no frame from the receiver for 10 s"

@@ -29,8 +29,8 @@ class Person:
         self._line = line
         self._looks = looks
 
-    def ask(self, text: str) -> None:
-        self.asked.append(text)
+    def ask(self, label: str) -> None:
+        self.asked.append(label)
 
     def answer(self) -> str | None:
         self._looks -= 1

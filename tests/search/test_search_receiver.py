@@ -6,6 +6,7 @@ import pytest
 
 from arva_hil.events import Event
 from arva_hil.events.searches import ReceiverGone
+from arva_hil.events.words.reasons import in_words
 from arva_hil.links import memory
 from arva_hil.search.flight.receiver_link import ReceiverLink
 from firmware_proto import Channel, Decoder, Frame, encode, encode_nmea
@@ -42,8 +43,8 @@ def test_silence_is_explained(came: bytes, why: str) -> None:
     for byte in came:
         far.write(bytes([byte]))
         receiver.read(0.0)
-    assert receiver.why_silent(60.0).startswith("no frame from the receiver at memory:a: ")
-    assert why in receiver.why_silent(60.0)
+    assert in_words(receiver.why_silent(60.0)).startswith("no frame from the receiver at memory:a: ")
+    assert why in in_words(receiver.why_silent(60.0))
 
 
 def test_one_that_is_unplugged_is_silent_and_says_so_once() -> None:

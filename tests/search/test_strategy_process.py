@@ -20,6 +20,7 @@ import pytest
 from arva_hil.clock import RealClock
 from arva_hil.events import Event
 from arva_hil.events.searches import StrategySlow
+from arva_hil.events.words.reasons import in_words
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.analysis import Analysis, AnalysisResult
 from arva_hil.search.strategies.plan import SearchPlan
@@ -170,7 +171,7 @@ def test_in_real_time_velocities_come_every_fifth_of_a_second_from_one_that_bloc
     gaps = [b - a for a, b in itertools.pairwise(times)]
     assert len(gaps) > 9
     assert sorted(gaps)[-2] < 0.25  # one may be late where other programs compete for the processors
-    assert mission.ended.startswith("the strategy has failed: it has not answered for 2.")
+    assert in_words(mission.ended).startswith("the strategy has failed: it has not answered for 2.")
     assert [event for event in events if isinstance(event, StrategySlow)]
 
 

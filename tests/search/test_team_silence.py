@@ -9,12 +9,14 @@ import pytest
 from arva_hil.clock import Clock, StepClock
 from arva_hil.config import parse
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.teams import TeammateBack, TeammateLost
+from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission.mission import NOT_SURE, Mission
+from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found
 from arva_hil.search.team.team import Teammate
@@ -23,6 +25,8 @@ from arva_hil.search.team.team_news import HeardAt, News
 from arva_hil.search.team.team_strips import strips_of
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
+
+NOT_SURE = in_words(because(Why.NOT_SURE))
 
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
@@ -118,7 +122,7 @@ def test_a_place_found_where_one_that_is_lost_may_be_is_told_without_flying_ther
     mission = Mission(SearchPlan(STRATEGIES["flux"]), 9.0, here, team=mate)
     mission.found, mission.sure = Found(3.0, 0.0), False
     mission.fly(9.0, here)
-    assert mission.ended == NOT_SURE
+    assert in_words(mission.ended) == NOT_SURE
 
 
 def test_a_pause_of_its_own_program_is_not_the_silence_of_the_others() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events.words.reasons import in_words
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Parser, dialect
 from arva_hil.search.flight.claim import CLAIM_TYPE, Claim, encode, parse
@@ -73,8 +74,8 @@ def test_of_two_that_begin_at_once_one_flies_and_the_other_arms_nothing(make: Ca
     refused, other = (world.client, second) if world.client.outcome else (second, world.client)
     assert refused.outcome is not None
     assert refused.outcome.kind == "failed"
-    assert refused.outcome.how.startswith("another search (process ")
-    assert refused.outcome.how.endswith(" has this vehicle; end one of the two")
+    assert in_words(refused.outcome.how).startswith("another search (process ")
+    assert in_words(refused.outcome.how).endswith(" has this vehicle; end one of the two")
     assert not (world.orders() if refused is world.client else world.moved)
     world.until(lambda: other.outcome)
     assert other.outcome is not None
@@ -92,7 +93,7 @@ def test_one_that_begins_later_is_refused_and_moves_nothing(make: Callable[[], A
     second = world.begin_second()
     world.until(lambda: second.outcome, 3.0)
     assert second.outcome is not None
-    assert "another search (process " in second.outcome.how
+    assert "another search (process " in in_words(second.outcome.how)
     assert world.end() == ("found", "found")
     assert world.moved == 0
 
@@ -107,7 +108,7 @@ def test_of_two_that_fly_it_one_lets_go_as_soon_as_they_are_in_contact(make: Cal
     world.until(lambda: world.client.outcome or second.outcome, 1.5)
     gone, other = (world.client, second) if world.client.outcome else (second, world.client)
     assert gone.outcome is not None
-    assert gone.outcome.how.endswith(" flies this vehicle; this one sends nothing more; end one of the two")
+    assert in_words(gone.outcome.how).endswith(" flies this vehicle; this one sends nothing more; end one of the two")
     moved = world.moved
     world.until(lambda: other.outcome)
     assert other.outcome is not None
@@ -121,7 +122,7 @@ def test_without_contact_one_that_somebody_else_puts_in_guided_is_not_armed() ->
     second = world.begin_second()
     world.until(lambda: second.outcome, 3.0)
     assert second.outcome is not None
-    assert second.outcome.how.startswith("another program has set the mode that follows set-points")
+    assert in_words(second.outcome.how).startswith("another program has set the mode that follows set-points")
     assert world.end() == ("found", "found")
     assert world.moved == 0
 
@@ -132,7 +133,7 @@ def test_without_contact_one_that_somebody_else_arms_is_not_flown() -> None:
     second._flight.wait = lambda now: True  # type: ignore[method-assign]
     world.until(lambda: second.outcome, 20.0)
     assert second.outcome is not None
-    assert second.outcome.how.startswith("somebody else has armed it")
+    assert in_words(second.outcome.how).startswith("somebody else has armed it")
     assert world.end() == ("found", "found")
 
 

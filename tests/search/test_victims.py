@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import (
     MarkLost,
     MarksNotTaken,
@@ -19,10 +20,11 @@ from arva_hil.events.searches import (
     VictimAgain,
     VictimNoted,
 )
+from arva_hil.events.words.reasons import in_words
 from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.search.mission.conclusion import conclusion
-from arva_hil.search.mission.mission import FOUND, NOT_SURE, Mission
+from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.receiver_host import ReceiverHost
 from arva_hil.search.mission.victims import Victim, probing_order
 from arva_hil.search.strategies.analysis import TransmitterReadings
@@ -36,6 +38,9 @@ from tests.search.test_mission import AT, LEVEL, NORTH, Scripted, beacon
 from tests.search.test_pilot import LOW, SYS_STATUS
 from tests.search.test_pilot import says as says_of_the_battery
 from tests.simulated_px4 import HOLD, Px4
+
+FOUND = in_words(because(Why.FOUND))
+NOT_SURE = in_words(because(Why.NOT_SURE))
 
 
 class Receiver:
@@ -118,7 +123,7 @@ def test_one_is_found_and_marked_then_the_next_and_the_last_one_ends_it() -> Non
     assert [event.transmitter for event in rescue.of(TransmitterChosen)] == [1, 2]
     assert not rescue.mission.ended
     rescue.find(beacon(2, 2), marked(1, 18), place=(20.0, 5.0, -1.0))
-    assert (rescue.mission.ended, conclusion(rescue.mission)) == (FOUND, ("found", FOUND))
+    assert (in_words(rescue.mission.ended), conclusion(rescue.mission)) == (FOUND, ("found", because(Why.FOUND)))
     first, second = rescue.of(VictimNoted)
     assert first == VictimNoted(first.time_s, 1, 1, 2, 3.0, 4.0, True, True, 1, False)
     assert (second.number, second.left, second.marked) == (2, 0, True)
@@ -132,7 +137,7 @@ def test_one_that_is_searched_for_alone_asks_nothing_of_the_receiver() -> None:
     rescue = Rescue(1, receiver)
     rescue.step(beacon(1, 9), beacon(2, 20))
     rescue.find(beacon(1, 2), beacon(2, 18))
-    assert (rescue.mission.ended, receiver.asked, rescue.of(VictimNoted)) == (FOUND, [], [])
+    assert (in_words(rescue.mission.ended), receiver.asked, rescue.of(VictimNoted)) == (FOUND, [], [])
 
 
 def test_it_hovers_above_the_place_while_pulses_overlap_and_the_mark_is_refused() -> None:
@@ -227,7 +232,11 @@ def test_who_is_led_back_says_so_and_counts_nobody_twice() -> None:
     assert [(event.transmitter, event.number) for event in rescue.of(VictimAgain)] == [(5, 1)]
     assert rescue.of(VictimAgain)[0].apart_m == pytest.approx(0.5)
     rescue.step(beacon(5, 2))
-    assert (len(rescue.mission.victims.places), rescue.mission.ended, rescue.mission.hunting) == (1, "", False)
+    assert (len(rescue.mission.victims.places), in_words(rescue.mission.ended), rescue.mission.hunting) == (
+        1,
+        "",
+        False,
+    )
     assert receiver.marks == [1, 1]
 
 
@@ -237,7 +246,7 @@ def test_two_who_were_heard_together_are_two_however_near() -> None:
     rescue.find(beacon(1, 2), beacon(2, 2))
     rescue.step(beacon(1, 2), beacon(2, 2))
     rescue.find(beacon(1, 2), beacon(2, 2), place=(3.2, 4.2, -1.0))
-    assert rescue.mission.ended == FOUND
+    assert in_words(rescue.mission.ended) == FOUND
 
 
 # -- not sure, not found -----------------------------------------------------------------------------------
@@ -258,7 +267,7 @@ def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeyp
     for id_ in (2, 3):
         rescue.step(beacon(id_, 9))
         rescue.find(beacon(id_, 2), place=(9.0 * id_, 5.0, -1.0))
-    assert rescue.mission.ended == NOT_SURE  # two are sure, and a third place is not
+    assert in_words(rescue.mission.ended) == NOT_SURE  # two are sure, and a third place is not
     assert conclusion(rescue.mission)[0] == "not sure"
 
 
@@ -269,7 +278,8 @@ def test_when_the_time_is_up_it_says_how_many() -> None:
     while not rescue.mission.ended:
         rescue.step(beacon(2, 20))
         assert rescue.now < 160
-    assert conclusion(rescue.mission) == ("not found", "1 of 3 found in 50 s")
+    kind, how = conclusion(rescue.mission)
+    assert (kind, in_words(how)) == ("not found", "1 of 3 found in 50 s")
     assert list(rescue.mission.others) == [2]
 
 
@@ -282,7 +292,7 @@ def test_all_are_found_when_the_area_is_searched_and_nobody_is_left() -> None:
         north, east = rescue.step(beacon(1, 9 + rescue.now % 7), at=place)
         place = place[0] + north, place[1] + east, -1.0
         assert rescue.now < 200
-    assert (rescue.mission.ended, conclusion(rescue.mission)[0]) == (FOUND, "found")
+    assert (in_words(rescue.mission.ended), conclusion(rescue.mission)[0]) == (FOUND, "found")
     assert place[0] > 18  # it flew the strip
 
 
@@ -302,7 +312,8 @@ def test_a_receiver_that_falls_silent_ends_it_with_the_list_all_the_same() -> No
     for _ in range(12):
         rescue.now += 1.0
         rescue.mission.fly(rescue.now, AT)
-    assert conclusion(rescue.mission) == ("failed", "no frame from the receiver for 10 s")
+    kind, how = conclusion(rescue.mission)
+    assert (kind, in_words(how)) == ("failed", "no frame from the receiver for 10 s")
     assert len(rescue.mission.victims.places) == 1
 
 

@@ -18,6 +18,7 @@ from arva_hil.autopilot.following.modes import modes_of
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
@@ -36,7 +37,7 @@ _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 class Commander(FlightState):
     """The last command to one vehicle.
 
-    `take_off_m`: height of the take-off. `held_back`: the reason why it may not be armed now, "" if it may. `emit` gets
+    `take_off_m`: height of the take-off. `held_back`: the reason not to arm it now, or None. `emit` gets
     the events.
     """
 
@@ -44,7 +45,7 @@ class Commander(FlightState):
         self, session: Session, emit: Callable[[Event], None], *, take_off_m: float, arm_timeout_s: float = 60.0
     ) -> None:
         super().__init__(session, take_off_m, emit)
-        self.held_back = ""
+        self.held_back: Reason | None = None
         self._arm_timeout_s = arm_timeout_s
         self._velocity = _STILL
         self._tries = 0  # to arm
@@ -86,16 +87,16 @@ class Commander(FlightState):
         """Fly with this velocity [m/s, NED] until the next call."""
         self._velocity = velocity
 
-    def land(self, now: float, why: str = "") -> None:
-        """Land here; before the take-off: disarm. `why`: the reason, if it is not the normal end."""
+    def land(self, now: float, *why: Reason) -> None:
+        """Land here; before the take-off: disarm. `why`: the reasons, if it is not the normal end."""
         self._stop(now, why, Phase.LANDING, self._modes.land)
 
-    def hold(self, now: float, why: str = "") -> None:
+    def hold(self, now: float, *why: Reason) -> None:
         """Hover here for the pilot; before the take-off: disarm. A landing goes on."""
         self._stop(now, why, Phase.HOLDING, self._modes.hold)
 
-    def _stop(self, now: float, why: str, phase: Phase, mode: int) -> None:
-        if self._leave_alone(why) or self.phase not in (Phase.ARMING, Phase.CLIMBING, Phase.FLYING):
+    def _stop(self, now: float, why: tuple[Reason, ...], phase: Phase, mode: int) -> None:
+        if self._leave_alone(*why) or self.phase not in (Phase.ARMING, Phase.CLIMBING, Phase.FLYING):
             return
         self.why = why
         if self.phase is Phase.ARMING:
@@ -128,7 +129,7 @@ class Commander(FlightState):
         late, in_mode = now - self._since, self.authority.in_mode
         self._borrowing = self._borrowing and not in_mode
         if self.authority.silent(now):
-            self._lose(f"the vehicle has not said its mode for {authority.SILENT_S:g} s")
+            self._lose(because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S))
         elif not self.authority.settled:
             pass  # who controls the vehicle is asked first
         elif self.phase is Phase.CLIMBING and self._climbed:
@@ -137,11 +138,12 @@ class Commander(FlightState):
         elif self.phase is Phase.HOLDING and in_mode and late > _STOPPED_S:
             self.phase = Phase.ENDED
         elif self.phase is Phase.YIELDING and late > _STOPPED_S and not (self._modes.px4 or self.sticks.known):
-            self._lose("no radio is heard by which the pilot could have it")
+            self._lose(because(Why.NO_RADIO))
         elif late > self._limit_s and not (self.phase is Phase.FLYING and in_mode):
-            held_back = self.phase is Phase.ARMING and self.held_back
-            reasons = held_back or self._reasons() or "it says nothing of why"
-            why = f"the vehicle does not {self.phase.to_do}: {reasons}"
+            reasons = self._reasons() or [because(Why.NO_EXPLANATION)]
+            if self.phase is Phase.ARMING and self.held_back:
+                reasons = [self.held_back]
+            why = because(Why.NOT_DONE, phase=self.phase.name.lower(), because=reasons)
             if self.phase in (Phase.CLIMBING, Phase.FLYING):
                 self.land(now, why)
             else:
@@ -215,10 +217,9 @@ class Commander(FlightState):
         elif self.phase is Phase.DISARMING:
             self._watch_mode(now)
         elif self.phase is Phase.ARMING and armed and not (self.authority.in_mode and self._tries):
-            self._lose(f"somebody else has armed it, in {self._modes.name(message.custom_mode)}", handed_over=True)
+            self._lose(because(Why.ARMED_BY_OTHER, mode=self._mode), handed_over=True)
         elif self.phase is not Phase.ARMING and not armed:
-            disarmed_in = f"it was disarmed; the mode is {self._modes.name(message.custom_mode)}"
-            self._lose("; ".join(filter(None, [disarmed_in, self._reasons()])))
+            self._lose(because(Why.DISARMED, mode=self._mode), *self._reasons())
         else:
             self._watch_mode(now)
             if self.phase is Phase.ARMING:
@@ -265,14 +266,16 @@ class Commander(FlightState):
         vehicle to the sticks by itself, or be about to report the mode of a switch.
         """
         moved, px4 = self.sticks.moved, self._modes.px4
-        if not (why := moved or self.battery.why(now)) or self._leave_alone(why):
+        battery = self.battery.why(now)
+        why = moved or (because(battery) if battery else None)
+        if why is None or self._leave_alone(why):
             return
         flown, steered = self.phase in (Phase.CLIMBING, Phase.FLYING), moved and self._steered
         on_the_ground = self.authority.mode == self._modes.hold  # PX4 is still in the mode in which it armed
         if self.phase is Phase.ARMING or (px4 and flown and (on_the_ground or not moved)):
             self.hold(now, why)
         elif (flown or steered) and self.authority.wanted != self._modes.yields:
-            self.why = why
+            self.why = (why,)
             self._enter(Phase.YIELDING, now, self._modes.yields, _PX4_YIELDS_S if px4 else None)
             self._next_order = now + _OWN_MODE_S
             if not (px4 or self.sticks.throttle_in_middle):

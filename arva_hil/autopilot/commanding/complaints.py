@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.mavlink.codec import RESULTS, dialect
 
 _CHUNK: Final = 50  # characters; a shorter chunk is the last one
@@ -83,11 +84,14 @@ class Complaints:
         if not keep_texts:
             self.recent.clear()
 
-    def why(self, *, status: bool = False) -> str:
-        """All reasons, for a person. `status`: with the sensors that are not healthy."""
-        said = f"not healthy: {', '.join(self._unwell)}" if status and self._unwell else ""
-        answer = f"{self.refused_order}: {self.refused_result}" if self.refused_order else ""
-        return "; ".join(filter(None, [answer, *self.recent, said]))
+    def why(self, *, status: bool = False) -> list[Reason]:
+        """Return all reasons. `status`: with the sensors that are not healthy."""
+        reasons = [because(Why.AUTOPILOT_SAID, text=text) for text in self.recent]
+        if self.refused_order:
+            reasons.insert(0, because(Why.ORDER_REFUSED, order=self.refused_order, result=self.refused_result))
+        if status and self._unwell:
+            reasons.append(because(Why.SENSORS_ILL, sensors=self._unwell))
+        return reasons
 
 
 _LAST_S: Final = 5.0  # that a report is valid: the vehicle may have been restarted, or be another one
@@ -98,8 +102,6 @@ _LOW: Final = {
     dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
     dialect.MAV_BATTERY_CHARGE_STATE_FAILED,
 }
-_LOW_WORD: Final = "low battery"
-_ILL_WORD: Final = "the battery is not healthy"
 
 BATTERY_WANTED: Final = {dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0, dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0}
 """The messages to request, and their rates [Hz]."""
@@ -109,25 +111,21 @@ class Battery:
     """Remembers the last report of each battery and of all together. Times are seconds on the caller's clock."""
 
     def __init__(self) -> None:
-        self._said: dict[int, tuple[float, str]] = {}  # by battery id; -1: all together
+        self._said: dict[int, tuple[float, Why | None]] = {}  # by battery id; -1: all together
 
     def hear(self, message: Any, now: float) -> None:
         """Use a SYS_STATUS or a BATTERY_STATUS."""
         if type(message).id == dialect.MAVLINK_MSG_ID_BATTERY_STATUS:  # `message.id` is a field of it
             state = message.charge_state
             ill = state == dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY
-            word = _ILL_WORD if ill else ""
-            self._said[message.id] = now, _LOW_WORD if state in _LOW else word
+            unless_low = Why.BATTERY_ILL if ill else None
+            self._said[message.id] = now, Why.BATTERY_LOW if state in _LOW else unless_low
         else:
             known = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled & _BATTERY
             ill = bool(known & ~message.onboard_control_sensors_health)
-            self._said[-1] = now, _ILL_WORD if ill else ""
+            self._said[-1] = now, Why.BATTERY_ILL if ill else None
 
-    def why(self, now: float) -> str:
-        """The reason against flying, for a person; "" if there is none."""
-        words = {word for at, word in self._said.values() if now - at < _LAST_S}
-        return next((word for word in (_LOW_WORD, _ILL_WORD) if word in words), "")
-
-    def low(self, now: float) -> bool:
-        """Return True if a battery is known to be low, not only unknown or not healthy."""
-        return self.why(now) == _LOW_WORD
+    def why(self, now: float) -> Why | None:
+        """Return the reason against flying, None if there is none: BATTERY_LOW or BATTERY_ILL."""
+        reasons = {why for at, why in self._said.values() if now - at < _LAST_S}
+        return next((why for why in (Why.BATTERY_LOW, Why.BATTERY_ILL) if why in reasons), None)

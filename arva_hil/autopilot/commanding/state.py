@@ -14,6 +14,7 @@ from arva_hil.autopilot.following.modes import ARDUCOPTER
 from arva_hil.autopilot.following.pose_track import PositionSample
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.model.field.quaternion import heading
 
 
@@ -39,21 +40,16 @@ class Phase(Enum):
         """True if messages may be sent."""
         return self not in _SILENT
 
-    @property
-    def to_do(self) -> str:
-        """The vehicle's task in this phase, as a verb."""
-        return _PHASES[self][0]
-
 
 _SILENT: Final = (Phase.IDLE, Phase.ENDED, Phase.LOST)
-_PHASES: Final = {  # what the vehicle has to do, and the time for it: s, and s per metre
-    Phase.ARMING: ("arm", math.inf, 0.0),
-    Phase.CLIMBING: ("take off", 30.0, 1.0),
-    Phase.FLYING: ("follow velocities", 10.0, 0.0),
-    Phase.LANDING: ("land", 90.0, 2.0),
-    Phase.DISARMING: ("disarm", 10.0, 0.0),
-    Phase.HOLDING: ("hover", 5.0, 0.0),
-    Phase.YIELDING: ("hover for the pilot", 60.0, 0.0),
+_LIMITS: Final = {  # the time that a phase may take: s, and s per metre
+    Phase.ARMING: (math.inf, 0.0),
+    Phase.CLIMBING: (30.0, 1.0),
+    Phase.FLYING: (10.0, 0.0),
+    Phase.LANDING: (90.0, 2.0),
+    Phase.DISARMING: (10.0, 0.0),
+    Phase.HOLDING: (5.0, 0.0),
+    Phase.YIELDING: (60.0, 0.0),
 }
 
 
@@ -90,9 +86,6 @@ class SetpointPace:
         return worst if worst > _LONG_S else 0.0
 
 
-_STALLED: Final = (
-    " (this program was held up, and no set-point left for {:.1f} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
-)
 _LEAD_S: Final = 0.5  # from an order to its effect
 _STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
 RISEN_M: Final = 0.5  # more than the drift of an altitude: it has taken off
@@ -101,14 +94,14 @@ RISEN_M: Final = 0.5  # more than the drift of an altitude: it has taken off
 class FlightState:
     """Remembers the phase of a flight, its start, and the vehicle's reports in it.
 
-    `why`: the reason if the flight is LOST, or had to land. After it is LOST nothing is sent any more: the pilot
+    `why`: the reasons if the flight is LOST, or had to land. After it is LOST nothing is sent any more: the pilot
     controls the vehicle if it was `handed_over`, otherwise the autopilot's own failsafe does. `origin`: where it armed;
     `take_off_m`: the height of the take-off.
     """
 
     def __init__(self, session: Session, take_off_m: float, emit: Callable[[Event], None]) -> None:
         self.phase = Phase.IDLE
-        self.why = ""
+        self.why: tuple[Reason, ...] = ()
         self.handed_over = False
         self.origin: PositionSample | None = None
         self.sticks = Sticks()
@@ -118,7 +111,7 @@ class FlightState:
         self._take_off_m = take_off_m
         self._modes = ARDUCOPTER  # until the launch
         self._yaw = 0.0
-        self._taken: str | None = None  # it was in a mode that our orders do not cause, with the likely cause
+        self._taken: float | None = None  # it was in a mode of others, after so many s without set-points
         self._borrowing = False  # it is still in the mode of a take-over, and does not follow us yet
         self._since = 0.0  # of this phase
         self._limit_s = math.inf  # of this phase
@@ -160,27 +153,27 @@ class FlightState:
         landing = self.phase is Phase.LANDING and not self.lands_by_itself
         return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
 
-    def _reasons(self) -> str:
+    def _reasons(self) -> list[Reason]:
         return self._complaints.why(status=self.phase is Phase.ARMING)
 
     def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:
         metres = self._take_off_m if phase is Phase.CLIMBING else self.height
         self.phase, self._since = phase, now
-        _, fixed_s, each_metre_s = _PHASES[phase]
+        fixed_s, each_metre_s = _LIMITS[phase]
         self._limit_s = fixed_s + each_metre_s * max(metres, 0.0) if limit_s is None else limit_s
         self._next_order, self._ordered_s = -math.inf, math.inf
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
         self.authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 
-    def _leave_alone(self, why: str) -> bool:
+    def _leave_alone(self, *why: Reason) -> bool:
         """End a take-over before the vehicle follows us, for any reason: no order has to be undone."""
         if self._borrowing and self.phase.active:
-            self._lose("; ".join(filter(None, [why, "it was not taken over"])), handed_over=True)
+            self._lose(*why, because(Why.NOT_TAKEN_OVER), handed_over=True)
         return self._borrowing
 
-    def _lose(self, why: str, *, handed_over: bool = False) -> None:
+    def _lose(self, *why: Reason, handed_over: bool = False) -> None:
         self.phase, self.handed_over = Phase.LOST, handed_over
-        self.why = "; ".join(filter(None, [self.why, why]))
+        self.why += why
 
     def _stand(self, armed: bool, now: float) -> None:
         """Remember place and heading. An autopilot still corrects them until it arms."""
@@ -207,10 +200,13 @@ class FlightState:
         in_mode = self.authority.in_mode
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M
         if self._taken is None and (self.authority.usurped or (risen and not in_mode)):
-            stalled_s = self._pace.stalled_s(now) if self._modes.px4 else 0.0
-            self._taken = _STALLED.format(stalled_s) if stalled_s else ""
+            self._taken = self._pace.stalled_s(now) if self._modes.px4 else 0.0
         if self._taken is not None and self.authority.settled:
-            mode = self._modes.name(self.authority.mode)
-            self._lose(f"the mode is {mode}: the pilot or a failsafe has taken over{self._taken}", handed_over=True)
+            self._lose(because(Why.MODE_TAKEN, mode=self._mode, stalled_s=self._taken), handed_over=True)
         elif self.phase is Phase.YIELDING and in_mode:
-            self._lose(f"the pilot has it, in {self._modes.name(self.authority.mode)}", handed_over=True)
+            self._lose(because(Why.PILOT_HAS_IT, mode=self._mode), handed_over=True)
+
+    @property
+    def _mode(self) -> str:
+        """The name of the present mode."""
+        return self._modes.name(self.authority.mode)

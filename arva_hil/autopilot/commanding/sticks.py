@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.mavlink.codec import dialect
 
 _CHANNELS: Final = range(1, 19)
@@ -86,13 +87,13 @@ class _Pulses:
 class Sticks:
     """Remembers whether a stick or a switch has moved since `mark`.
 
-    `moved`: a text for a person. `channel`: the one that was moved, from 1. `by_us`: how far, in µs. `throttle`: the
-    number of the throttle's channel. `remote`: the autopilot has a remote control that works.
+    `moved`: the movement; None without one. `channel`: the one that was moved, from 1. `by_us`: how far, in µs.
+    `throttle`: the number of the throttle's channel. `remote`: the autopilot has a remote control that works.
     """
 
     def __init__(self) -> None:
         self.throttle = 3
-        self.moved = ""
+        self.moved: Reason | None = None
         self.channel = self.by_us = 0
         self.remote = False
         self._had_remote = False  # at the mark
@@ -117,7 +118,7 @@ class Sticks:
 
     def mark(self) -> None:
         """Remember the present position of the sticks as their rest."""
-        self._marked, self._had_remote, self.moved = True, self.remote, ""
+        self._marked, self._had_remote, self.moved = True, self.remote, None
         self._radio.mark()
         self._manual.mark()
 
@@ -128,15 +129,14 @@ class Sticks:
             self.remote = bool(message.onboard_control_sensors_present & message.onboard_control_sensors_health & _RC)
         elif kind == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
             pulses = [getattr(message, f"chan{n}_raw") if self._usable else 0 for n in _CHANNELS]
-            self._note(*self._radio.hear(pulses, self.throttle, flown=flown), "channel {}, by {} µs")
+            channel, by_us = self._radio.hear(pulses, self.throttle, flown=flown)
+            self._on_moved(channel, by_us, because(Why.CHANNEL_MOVED, channel=channel, by_us=by_us))
         else:
             axes = message.y, message.x, 2 * message.z - _FULL, message.r
             pulses = [_CENTRE_US + axis // 2 if abs(axis) <= _FULL else 0 for axis in axes]
-            channel, by = self._manual.hear(pulses, _AXES.index("throttle") + 1, flown=flown)
-            self._note(channel, by, f"{_AXES[channel - 1]}, by {by // 5} %")
+            channel, by_us = self._manual.hear(pulses, _AXES.index("throttle") + 1, flown=flown)
+            self._on_moved(channel, by_us, because(Why.AXIS_MOVED, axis=_AXES[channel - 1], by_us=by_us))
 
-    def _note(self, channel: int, by_us: int, where: str) -> None:
+    def _on_moved(self, channel: int, by_us: int, moved: Reason) -> None:
         if channel and self._marked:
-            self.channel, self.by_us = channel, by_us
-            what = "stick" if channel <= _STICKS else "switch"
-            self.moved = f"the pilot has moved a {what} ({where.format(channel, by_us)})"
+            self.channel, self.by_us, self.moved = channel, by_us, moved

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from arva_hil.autopilot.following.navigation import Place, is_zero, offset_m, place_of
 from arva_hil.autopilot.following.pose_track import ClockMap
-from arva_hil.events.reasons import HeardSource
+from arva_hil.events.reasons import HeardSource, Reason, Why, because
 from arva_hil.mavlink.codec import Packet, dialect
 
 _MOST_SOURCES: Final = 32  # that are remembered; a hostile link may have 65,536
@@ -166,7 +166,7 @@ class Identity:
     """
 
     def __init__(self, rate: float) -> None:
-        self.why = ""
+        self.why: Reason | None = None
         self._rate = rate
         self._clock = ClockMap(_WINDOW_S)
         self._last: tuple[float, float] | None = None  # boot time, and host time of its arrival
@@ -190,16 +190,16 @@ class Identity:
 
     def time(self, boot: float, now: float) -> bool:
         """Return True if its clock may show `boot` [s] now."""
-        strange = ""
+        strange = None
         if self._last is not None:
             boot_before, before = self._last
             should = self._clock.boot(before)
             assert should is not None
             ahead = boot - should - self._rate * (now - before) * (1 + _AHEAD)
             if ahead > _AHEAD_S:
-                strange = f"its clock is {ahead:.1f} s ahead of the one of the vehicle that was launched"
+                strange = because(Why.CLOCK_AHEAD, seconds=ahead)
             elif boot < boot_before - _BEHIND_S:
-                strange = "it has rebooted, or it is not the vehicle that was launched: its clock has gone back"
+                strange = because(Why.CLOCK_BACK)
         if not self._fits("time", strange):
             return False
         self._last = max(boot, self._last[0]) if self._last else boot, now
@@ -208,21 +208,21 @@ class Identity:
 
     def place(self, boot: float, place: Place, velocity: Velocity) -> bool:
         """Return True if it may be at this place at this boot time."""
-        strange = ""
+        strange = None
         if self._place is not None:
             before, there, (north, east, down) = self._place
             gap = max(boot - before, 0.0)
             moved = math.dist(offset_m(there, place), (north * gap, east * gap, down * gap))
             if not (off := moved - _JUMP_MS * gap) <= _JUMP_M:  # also NaN
-                strange = f"its position has jumped by {off:.0f} m, or it is another vehicle"
+                strange = because(Why.PLACE_JUMPED, metres=off)
         if not self._fits("place", strange):
             return False
         self._place = boot, place, velocity
         return True
 
-    def _fits(self, what: str, strange: str) -> bool:
-        """Note the reason why a value does not fit, "" if it fits. Returns whether it fits."""
+    def _fits(self, what: str, strange: Reason | None) -> bool:
+        """Count the values in a row that do not fit. Return True if this one fits: there is no reason against it."""
         self._strange[what] = self._strange[what] + 1 if strange else 0
         if self._strange[what] >= _LASTING:
             self.why = self.why or strange
-        return not strange
+        return strange is None

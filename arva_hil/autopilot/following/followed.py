@@ -11,7 +11,7 @@ from arva_hil.autopilot.following.navigation import Navigation, Place
 from arva_hil.autopilot.following.pose_track import ClockMap, PoseTrack, VehicleState
 from arva_hil.autopilot.following.streams import Stream, Streams
 from arva_hil.events import Event
-from arva_hil.events.reasons import NoPose, NoVehicle, SilentStream
+from arva_hil.events.reasons import NoPose, NoVehicle, Reason, SilentStream
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.packet import Verdict
 from arva_hil.mavlink.packet_reader import PacketReader
@@ -62,9 +62,9 @@ class FollowedVehicle:
         self._interrupted = ""  # why the link is lost
 
     @property
-    def usurped(self) -> str:
-        """Why the sender is not the pinned vehicle any more; "" while it is."""
-        return self._identity.why if self._identity else ""
+    def usurped(self) -> Reason | None:
+        """The reason why the sender is not the pinned vehicle any more; None while it is."""
+        return self._identity.why if self._identity else None
 
     @property
     def doubtful(self) -> bool:

@@ -13,6 +13,7 @@ from arva_hil.autopilot.following.navigation import HANDLED
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.streams import Streams
 from arva_hil.events import Event, vehicles
+from arva_hil.events.reasons import Why, because
 from arva_hil.mavlink.codec import Packet, decode, dialect
 
 _HEARTBEAT_S: Final = 1.0
@@ -180,7 +181,7 @@ class Session(FollowedVehicle):
             return True
         found = self._finder.vehicle(packet, message)
         if found and known and known.sent(packet) and self._identity:
-            self._identity.why = f"the vehicle that was launched is {known}, and now {found} speaks with its ids"
+            self._identity.why = because(Why.OTHER_IDS, vehicle=str(known), other=str(found))
         elif found and (known is None or (self.lost and known.sent(packet))):
             self.senders.hear(sender, now)
             self._follow(found, now, signed=packet.signed)

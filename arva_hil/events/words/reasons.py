@@ -1,11 +1,12 @@
-"""In words: why there is no vehicle or no pose, with the likely cure; and what a vehicle does if it gets no orders."""
+"""Reasons in words, with the likely cure; and what a vehicle does if it gets no orders."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
-from arva_hil.events.reasons import NoPose, NoVehicle, SilentStream
+from arva_hil.events.reasons import NoPose, NoVehicle, Reason, SilentStream, Why
+from arva_hil.events.searches import OrderDetail
 
 _NO_POSE = {
     "no vehicle": "no vehicle yet",
@@ -130,3 +131,182 @@ def _word(values: Mapping[str, float], name: str, words: Mapping[int, str]) -> s
 def _after(values: Mapping[str, float], name: str, unit: str) -> str:
     value = values.get(name)
     return f" after an unknown time ({name})" if value is None else f" after {value:g} {unit} ({name})"
+
+
+def in_words(reasons: Reason | Sequence[Reason] | str | None) -> str:
+    """Return reasons in words, "" without one. Those that a record has are in words already."""
+    if isinstance(reasons, str):
+        return reasons
+    every = [reasons] if isinstance(reasons, Reason) else reasons or ()
+    return "; ".join(_one(reason) for reason in every)
+
+
+def order_in_words(detail: OrderDetail | str) -> str:
+    """Return the content of an order in words. That of a record is in words already."""
+    if isinstance(detail, str):
+        return detail
+    if detail.height_m is not None:
+        return f"to {detail.height_m:g} m above the take-off point"
+    if detail.set_points_hz is not None:
+        return f"set-points flow, 0 m/s, {detail.set_points_hz:g} a second; then {detail.mode}"
+    return ", ".join(filter(None, [detail.mode, "at the end" if detail.at_end else ""])) or "arm"
+
+
+def _one(reason: Reason) -> str:
+    form = _WORDS[reason.why]
+    return form.format_map(reason.values) if isinstance(form, str) else form(**reason.values)
+
+
+def _not_all(where: str, nothing: str, found: int, wanted: int | None, more: int) -> str:
+    """Return the end of a search that has not found all that it searched for."""
+    if not found:
+        return nothing
+    return f"{found} of {wanted} found {where}" if wanted else f"{found} found {where}, {more} more heard"
+
+
+def _time_up(limit_s: float, **counts: Any) -> str:
+    return _not_all(f"in {limit_s:g} s", f"not found in {limit_s:g} s", **counts)
+
+
+def _strips_flown(heard: bool, twice: bool, team: bool, **counts: Any) -> str:
+    strips = "all strips are flown" + (", those of other parts as the team reports" if team else "")
+    nothing = f"{'not found' if heard else 'no signal'}: {strips}{', twice' if twice else ''}"
+    return _not_all("on all strips", nothing, **counts)
+
+
+def _disagree(pairs: Sequence[tuple[str, float, str, float]]) -> str:
+    return "; ".join(f"the {one} says {a:.1f} m, and the {two} {b:.1f} m" for one, a, two, b in pairs)
+
+
+def _receiver_silent(link: str, age_s: float | None, repeated: int | None, first_bytes: bytes) -> str:
+    why = "nothing came at all"
+    if age_s is not None:
+        again = "" if repeated is None else f", and its sequence number {repeated} again and again since"
+        why = f"the last one came {age_s:.0f} s ago{again}"
+    elif first_bytes:
+        why = f"bytes came that are none, first {first_bytes!r}: is the format right, and the baud rate?"
+    return f"no frame from the receiver at {link}: {why}"
+
+
+def _beyond_fence(area: bool, parameter: str, metres: float, needed_m: float) -> str:
+    what = "the whole area is" if area else "the height is"
+    fence = f"{what} beyond the vehicle's fence ({parameter} {metres:g})"
+    return f"{fence}, {needed_m:g} m needed; nothing was armed"
+
+
+def _other_search(name: str, flies: bool) -> str:
+    what = "flies this vehicle; this one sends nothing more" if flies else "has this vehicle"
+    return f"another search ({name}) {what}; end one of the two"
+
+
+def _not_followed(seconds: float, ordered_m: float, flown_m: float, off_deg: float | None) -> str:
+    how = "it hardly moves" if off_deg is None else f"it flies {abs(off_deg):.0f}° off"
+    cause = "its compass is wrong, the wind is too strong, or somebody else steers it"
+    if off_deg is None:
+        cause = "a fence or an obstacle stops it (AVOID_ENABLE, CP_DIST), or set-points are lost on their way"
+    flown = f"{flown_m:.1f} m in {seconds:.0f} s, {ordered_m:.1f} m ordered"
+    return f"the vehicle does not follow its set-points: {how} ({flown}): {cause}"
+
+
+def _mode_taken(mode: str, stalled_s: float) -> str:
+    stalled = f" (this program was held up, and no set-point left for {stalled_s:.1f} s before: PX4 leaves OFFBOARD "
+    stalled = stalled + "after COM_OF_LOSS_T)" if stalled_s else ""
+    return f"the mode is {mode}: the pilot or a failsafe has taken over{stalled}"
+
+
+def _left_alone(parameters: Mapping[str, float], px4: bool, remote: bool) -> str:
+    return f"the vehicle is left to its own failsafe: {left_alone(parameters, px4, remote)}"
+
+
+STICKS: Final = 4  # of the channels; the others are switches and knobs
+_TASKS: Final = {
+    "arming": "arm",
+    "climbing": "take off",
+    "flying": "follow velocities",
+    "landing": "land",
+    "disarming": "disarm",
+    "holding": "hover",
+    "yielding": "hover for the pilot",
+}
+_REAL: Final = "{label} is not known to be a simulator"
+_WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
+    Why.HOME_CAME: "home has come",
+    Why.HOME_MOVED: "home has moved",
+    Why.HOME_AFTER_LANDING: "a new home after landing",
+    Why.POSITION_JUMPED: "its position has jumped",
+    Why.REBOOTED: "the vehicle has rebooted",
+    Why.FOUND: "found",
+    Why.NOT_SURE: "not sure: the readings do not agree with the place reported",
+    Why.TIME_UP: _time_up,
+    Why.STRIPS_FLOWN: _strips_flown,
+    Why.ON_THE_GROUND: "it is on the ground, or it does not sink as ordered because set-points are lost",
+    Why.SENSORS_DISAGREE: _disagree,
+    Why.TOO_LOW: "it does not get higher than {metres:.1f} m",
+    Why.TOO_FAR: "it is more than {metres:g} m outside the area",
+    Why.STRATEGY_FAILED: "{text}",
+    Why.NO_FRAME: "no frame from the receiver for {seconds:g} s",
+    Why.SAME_READING: "the receiver repeats the same reading: it is stuck",
+    Why.INTERRUPTED: "interrupted",
+    Why.NO_END: "it did not end",
+    Why.ERROR: "{text}",
+    Why.NO_AUTOPILOT: lambda heard: f"no autopilot: {no_vehicle(heard)}",
+    Why.MODE_SET_BY_PROGRAM: "another program has set the mode that follows set-points, while this search was waiting: "
+    "end that program, and start the search again",
+    Why.ARMED_ALREADY: "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover",
+    Why.RECEIVER_AWAY: "no frame from the receiver: {text}",
+    Why.RECEIVER_SILENT: _receiver_silent,
+    Why.NO_POSE: lambda lacking: f"no pose: {no_pose(lacking)}",
+    Why.CANNOT_TAKE_OVER: lambda because: f"the vehicle is not taken over: {in_words(because)}",
+    Why.BATTERY_LOW_BEFORE: "low battery: charge or change it, and restart the autopilot; nothing was flown",
+    Why.BATTERY_UNKNOWN_BEFORE: "the battery is not healthy, or not measured: nothing was flown",
+    Why.PORT_SHARED: lambda port, readers: (
+        f"{port} is read by {', '.join(readers)} too, and each gets a part of the frames; close the other program"
+    ),
+    Why.BEYOND_FENCE: _beyond_fence,
+    Why.NOBODY_ASKED: f"{_REAL}: to let it fly, write --yes",
+    Why.ANSWER_NO: f"{_REAL}, and the answer was not yes: nothing was done",
+    Why.ANSWER_LATE: f"{_REAL}, and nobody said yes within {{seconds:g}} s: nothing was done",
+    Why.OTHER_SEARCH: _other_search,
+    Why.WOULD_FLY: "dry run: nothing was ordered; it would have flown",
+    Why.WOULD_END: lambda because: f"dry run: {in_words(because)}; nothing was ordered",
+    Why.HOME_UNKNOWN: "its home position is not known",
+    Why.NOT_ARMED: "it is not armed",
+    Why.IN_MODE: "it is in {mode}",
+    Why.NEAR_HOME: "it is {height_m:.1f} m above home, less than {least_m:g} m",
+    Why.MOVES: "it moves at {speed:.1f} m/s",
+    Why.JUST_STOPPED: "it has just come to a halt",
+    Why.POSE_LOST: lambda seconds, lacking: f"no pose for {seconds:g} s: {no_pose(lacking)}",
+    Why.NOT_FOLLOWED: _not_followed,
+    Why.BLOCKED_BELOW: "it hovers, because another vehicle of the team reports that it is below; take over and land",
+    Why.AUTOPILOT_SILENT: "the autopilot is not heard any more",
+    Why.STILL_ARMED: lambda because: (
+        "the vehicle is still armed, and does not say that it has landed. If it stands, "
+        f"keep away from the propellers and disarm it from the radio or the ground station ({in_words(because)})"
+    ),
+    Why.GOES_ON_LANDING: "the vehicle is left to its own failsafe: it goes on landing",
+    Why.LEFT_ALONE: _left_alone,
+    Why.OTHER_IDS: "the vehicle that was launched is {vehicle}, and now {other} speaks with its ids",
+    Why.CLOCK_AHEAD: "its clock is {seconds:.1f} s ahead of the one of the vehicle that was launched",
+    Why.CLOCK_BACK: "it has rebooted, or it is not the vehicle that was launched: its clock has gone back",
+    Why.PLACE_JUMPED: "its position has jumped by {metres:.0f} m, or it is another vehicle",
+    Why.MODE_UNKNOWN: "the vehicle has not said its mode for {seconds:g} s",
+    Why.NO_RADIO: "no radio is heard by which the pilot could have it",
+    Why.NOT_DONE: lambda phase, because: f"the vehicle does not {_TASKS[phase]}: {in_words(because)}",
+    Why.NO_EXPLANATION: "it says nothing of why",
+    Why.UNDER_ANOTHER: "another vehicle of the team is above it, or may be",
+    Why.NO_FRAMES_YET: "the receiver sends no frames",
+    Why.ARMED_BY_OTHER: "somebody else has armed it, in {mode}",
+    Why.DISARMED: "it was disarmed; the mode is {mode}",
+    Why.NOT_TAKEN_OVER: "it was not taken over",
+    Why.MODE_TAKEN: _mode_taken,
+    Why.PILOT_HAS_IT: "the pilot has it, in {mode}",
+    Why.CHANNEL_MOVED: lambda channel, by_us: (
+        f"the pilot has moved a {'stick' if channel <= STICKS else 'switch'} (channel {channel}, by {by_us} µs)"
+    ),
+    Why.AXIS_MOVED: lambda axis, by_us: f"the pilot has moved a stick ({axis}, by {by_us // 5} %)",
+    Why.BATTERY_LOW: "low battery",
+    Why.BATTERY_ILL: "the battery is not healthy",
+    Why.ORDER_REFUSED: "{order}: {result}",
+    Why.AUTOPILOT_SAID: "{text}",
+    Why.SENSORS_ILL: lambda sensors: f"not healthy: {', '.join(sensors)}",
+}

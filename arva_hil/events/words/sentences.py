@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from arva_hil import events
 from arva_hil.events import Event, searches, teams, vehicles
-from arva_hil.events.words.reasons import failsafes, no_pose, no_vehicle, request
+from arva_hil.events.words.reasons import STICKS, failsafes, in_words, no_pose, no_vehicle, order_in_words, request
 from arva_hil.events.words.text import Level, Notice
 
 
@@ -63,9 +63,8 @@ _DATUM_CURES: Final = {
     False: "the datum is the vehicle's home, and is read again after landing and disarming: set home there, or give "
     "a place in the scenario, `datum: {lat: …, lon: …, alt: …}`",
 }
-_STICKS: Final = 4  # of the channels
 _IN_WORDS: Final[Mapping[str, Callable[[Any], str]]] = {
-    "control": lambda channel: "stick" if channel <= _STICKS else "switch",
+    "control": lambda channel: "stick" if channel <= STICKS else "switch",
     "datum_cure": _DATUM_CURES.__getitem__,
     "failsafes": lambda e: failsafes(dict(e.parameters), e.autopilot == "px4", e.remote),
     "interrupted": lambda phase: _INTERRUPTED.get(phase, "the vehicle stays hovering"),
@@ -74,8 +73,10 @@ _IN_WORDS: Final[Mapping[str, Callable[[Any], str]]] = {
     "no_pose": no_pose,
     "no_vehicle": no_vehicle,
     "number": lambda id_: "without a number" if id_ is None else str(id_),
+    "order": order_in_words,
     "of": lambda wanted: "" if wanted is None else f" of {wanted}",
     "request": lambda e: request(e.command, e.asked_hz, e.result),
+    "reasons": in_words,
     "reported": lambda value: "was not reported" if value is None else f"is {value:g}",
     "values": lambda values: "".join(f" {value}" for value in values),
     "waiting": _WAITING.__getitem__,
@@ -156,7 +157,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     events.PoseMissing: "warning: still no pose, frames say no signal: {lacking:no_pose}",
     events.TooFar: "warning: the vehicle is {from_datum_m:km} from the datum and {nearest_m:km} from the nearest "
     "transmitter, too far to hear it: {fixed:datum_cure}",
-    events.DatumSet: "datum: {lat:.7f}, {lon:.7f}, {alt:.2f} m AMSL{reason: ({reason})|}",
+    events.DatumSet: "datum: {lat:.7f}, {lon:.7f}, {alt:.2f} m AMSL{reason: ({reason:reasons})|}",
     events.GroundMissing: lambda e: _NO_GROUND[e.terrain == "autopilot"],
     events.GroundFound: "the autopilot has told where the ground is: no transmitter waits for it",
     events.MotorsSilent: "warning: the vehicle does not tell how hard its motors work (VFR_HUD, BATTERY_STATUS): their "
@@ -195,13 +196,13 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     "{asked:you would have to type yes here|it would need --yes, because nobody can be asked here}",
     searches.DryRunBegun: "dry run: all is ready. {label} would be {take_over:taken over in the air|launched}"
     "{countdown_s: after a count-down of {countdown_s:g} s|}, by these orders:",
-    searches.WouldOrder: "  {order}: {what}",
+    searches.WouldOrder: "  {order}: {what:order}",
     searches.SetPointPlanned: "  SET_POSITION_TARGET_LOCAL_NED: {v_north:z.2f} m/s north, {v_east:z.2f} m/s east, "
     "{v_down:z.2f} m/s down, heading {heading_deg:z.0f}°, {rate_hz:g} times a second",
     searches.CountDown: "{take_over:taking over|arming} in {left_s} s",
     searches.Launched: "{take_over:taking over|arming} {label}",
     searches.SearchBegun: "{height_m:.1f} m high: the search begins",
-    searches.SearchEnded: "{how}; {landing:landing|hovering}",
+    searches.SearchEnded: "{how:reasons}; {landing:landing|hovering}",
     searches.SearchInterrupted: "interrupted: {phase:interrupted}",
     searches.SearchHeldUp: "warning: the search did nothing for {gap_s:.1f} s: first it checks who controls the "
     "vehicle",

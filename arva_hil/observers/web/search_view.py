@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from arva_hil.events import Event, searches
+from arva_hil.events.words.reasons import in_words
 from arva_hil.observers.web.places import Places
 from arva_hil.safe_text import one_line
 
@@ -66,7 +67,7 @@ class SearchView:
         elif isinstance(event, searches.PlaceFound):
             self._found = event
         elif isinstance(event, searches.SearchEnded):
-            self._ended = event.how
+            self._ended = in_words(event.how)
 
     def document(self) -> dict[str, Any] | None:
         """For the page; places as [north, east, …]."""

@@ -12,8 +12,8 @@ from arva_hil.autopilot.commanding.state import Phase
 from arva_hil.autopilot.following.pose_track import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import SearchBegun, SearchEnded
-from arva_hil.events.words.reasons import no_pose
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.model.field.quaternion import heading
 from arva_hil.search.flight.detour import Detour
@@ -31,7 +31,6 @@ from firmware_proto import Frame
 
 OLD_S: Final = 1.0  # an older pose is not used for the flight
 STAY: Final = (0.0, 0.0, 0.0)
-_BLOCKED: Final = "it hovers, because another vehicle of the team reports that it is below; take over and land"
 
 
 class Flight:
@@ -141,10 +140,11 @@ class Flight:
             self._down = velocity[2]
             if why := self._detour.observe(now, velocity, position, as_position(state.velocity)):
                 self._commander.land(now, why)
-            if self.mission.over:
+            if self.mission.over and self.mission.ended:
                 lands = height.landed or (self._plan.land and not self.mission.blocked)
-                self._emit(SearchEnded(now, self.mission.ended, lands))
-                (self._commander.land if lands else self._commander.hold)(now, _BLOCKED * self.mission.blocked)
+                self._emit(SearchEnded(now, (self.mission.ended,), lands))
+                blocked = [because(Why.BLOCKED_BELOW)] if self.mission.blocked else []
+                (self._commander.land if lands else self._commander.hold)(now, *blocked)
         self._note(now, phase, state, velocity)
 
     def confirm(self, now: float) -> None:
@@ -161,8 +161,8 @@ class Flight:
         """Without a new pose the vehicle hovers, then lands."""
         self._commander.steer(STAY)
         if now - self._last_pose_s > self._plan.patience_s:
-            why = no_pose(self._session.why_no_pose())
-            self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {why}")
+            lacking = self._session.why_no_pose()
+            self._commander.land(now, because(Why.POSE_LOST, seconds=self._plan.patience_s, lacking=lacking))
 
     def _state(self, now: float) -> VehicleState | None:
         """The pose for the flight, None if there is none that is new enough."""

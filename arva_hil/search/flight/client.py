@@ -14,8 +14,8 @@ from arva_hil.autopilot.commanding.state import Phase
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import Clock
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import Launched, OwnMarkHeard, SearchHeldUp, SearchInterrupted
-from arva_hil.events.words.reasons import left_alone
 from arva_hil.links import Link, LinkError, Sender
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.model.field.geodesy import LocalFrame
@@ -24,7 +24,7 @@ from arva_hil.search.flight.autopilot_link import AutopilotLink
 from arva_hil.search.flight.claim import Claim, ClaimAnnouncer
 from arva_hil.search.flight.dry_run import DryRun
 from arva_hil.search.flight.permission import Permission
-from arva_hil.search.flight.preflight import INTERRUPTED, Preflight
+from arva_hil.search.flight.preflight import Preflight
 from arva_hil.search.flight.receiver_link import ReceiverLink
 from arva_hil.search.mission.conclusion import conclusion, kind_of, outcome_of
 from arva_hil.search.mission.ground import Ground
@@ -40,12 +40,6 @@ COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is comp
 
 _MARK: Final = dialect.MAVLINK_MSG_ID_ADSB_VEHICLE
 _STEP_S: Final = 0.2
-_UNDER: Final = "another vehicle of the team is above it, or may be"
-_SILENT: Final = "the receiver sends no frames"
-_STILL_ARMED: Final = (
-    "the vehicle is still armed, and does not say that it has landed. If it stands, keep away from the propellers and "
-    "disarm it from the radio or the ground station"
-)
 
 
 class SearchClient:
@@ -145,7 +139,7 @@ class SearchClient:
                 self._step(now)
             return min(self._next_step, self._line.speak(clock, self._due, self._commander.sent))
         except LinkError as error:  # of the autopilot's link
-            self._cut_off(str(error))
+            self._cut_off(because(Why.ERROR, text=str(error)))
             return math.inf
         finally:
             self._pass_on()
@@ -206,14 +200,13 @@ class SearchClient:
             self._flight.look_on(now, searching=False)
             return
         if self._first:
-            flown = "flies this vehicle; this one sends nothing more" if self.launched else "has this vehicle"
-            self._finish("failed", f"another search ({self._first.name}) {flown}; end one of the two")
+            self._finish("failed", because(Why.OTHER_SEARCH, name=self._first.name, flies=self.launched))
         elif phase is Phase.IDLE:
             self._wait(now)
         elif self._session.usurped:
             self._cut_off(self._session.usurped)
         elif self._session.lost:
-            self._cut_off("the autopilot is not heard any more")
+            self._cut_off(because(Why.AUTOPILOT_SILENT))
         elif phase is Phase.LOST:
             self._conclude_lost()
         elif phase is Phase.ENDED:
@@ -221,9 +214,8 @@ class SearchClient:
         elif self._stopping:
             self._commander.hold(now)
         elif phase is Phase.ARMING:
-            under_another, silent = self._flight.wait(now), self._receiver.silent(now)
-            no_frames = _SILENT if silent else ""
-            self._commander.held_back = _UNDER if under_another else no_frames
+            no_frames = because(Why.NO_FRAMES_YET) if self._receiver.silent(now) else None
+            self._commander.held_back = because(Why.UNDER_ANOTHER) if self._flight.wait(now) else no_frames
             if self._receiver.silent(now, self._plan.patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:
@@ -233,7 +225,7 @@ class SearchClient:
         if self._dry_run is None:
             self._flight.look_on(now, searching=True)
         if self._stopping:
-            self._finish("failed", INTERRUPTED)
+            self._finish("failed", because(Why.INTERRUPTED))
             return
         verdict = self._preflight.look(now)
         if verdict is True and self._dry_run:
@@ -241,13 +233,13 @@ class SearchClient:
         if verdict is True and (self._dry_run or self._claim.is_settled(now)):
             self._launch(now)
         elif isinstance(verdict, Refusal):
-            self._finish(*verdict)
+            self._finish(verdict.kind, verdict.how)
 
     def _launch(self, now: float) -> None:
         try:
             self._begin(now)
         except ValueError as error:
-            self._finish("failed", str(error))
+            self._finish("failed", because(Why.ERROR, text=str(error)))
             return
         self._session.pin()
         self._line.pin()
@@ -258,9 +250,9 @@ class SearchClient:
     def _conclude(self) -> None:
         mission = self.mission
         if self._stopping:
-            self._finish("failed", INTERRUPTED)
+            self._finish("failed", because(Why.INTERRUPTED))
         elif self._commander.why or mission is None:
-            self._finish("failed", self._commander.why)
+            self._finish("failed", *self._commander.why)
         else:
             self._flight.confirm(self._now_s)
             self._finish(*conclusion(mission))
@@ -270,24 +262,25 @@ class SearchClient:
         commander = self._commander
         assert self._session.vehicle is not None
         if commander.handed_over:
-            self._finish(kind_of(self.mission), commander.why)
+            self._finish(kind_of(self.mission), *commander.why)
         elif not self._session.vehicle.armed:
-            self._finish("failed", commander.why)
+            self._finish("failed", *commander.why)
         elif commander.lands_by_itself:
-            self._finish("failed", f"{_STILL_ARMED} ({commander.why})")
+            self._finish("failed", because(Why.STILL_ARMED, because=commander.why))
         else:
-            self._cut_off(commander.why)
+            self._cut_off(*commander.why)
 
-    def _cut_off(self, why: str) -> None:
+    def _cut_off(self, *why: Reason) -> None:
         if self._commander.phase is Phase.IDLE:
-            self._finish("failed" if self._session.vehicle else "no link", why)
+            self._finish("failed" if self._session.vehicle else "no link", *why)
+        elif self._commander.lands_by_itself:
+            self._finish("failed", *why, because(Why.GOES_ON_LANDING))
         else:
-            failsafes, lands = self._preflight.failsafes, self._commander.lands_by_itself
-            alone = left_alone(failsafes.values, failsafes.px4, self._commander.sticks.remote)
-            failsafe = "it goes on landing" if lands else alone
-            self._finish("failed", f"{why}; the vehicle is left to its own failsafe: {failsafe}")
+            failsafes, remote = self._preflight.failsafes, self._commander.sticks.remote
+            alone = because(Why.LEFT_ALONE, parameters=dict(failsafes.values), px4=failsafes.px4, remote=remote)
+            self._finish("failed", *why, alone)
 
-    def _finish(self, kind: Kind, how: str) -> None:
+    def _finish(self, kind: Kind, *how: Reason) -> None:
         mission = self.mission
         self._commander.let_go()
         if self.outcome is not None:

@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-from arva_hil.autopilot.commanding.set_point_check import Deviation, SetPointCheck
+from arva_hil.autopilot.commanding.set_point_check import SetPointCheck
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import SetPointsNotFollowed
 from arva_hil.search.strategies.strategy import Position
 
 _ASIDE_S: Final = 6.0  # longer than the check needs
-_STOPPED: Final = "a fence or an obstacle stops it (AVOID_ENABLE, CP_DIST), or set-points are lost on their way"
-_ASTRAY: Final = "its compass is wrong, the wind is too strong, or somebody else steers it"
 
 
 class Detour:
@@ -35,17 +34,17 @@ class Detour:
             return wanted
         return *self._aside, wanted[2]
 
-    def observe(self, time_s: float, order: Position, position: Position, velocity: Position) -> str:
-        """Use the `order` that leaves now, and the motion reported. Return the reason to end the search, or ""."""
+    def observe(self, time_s: float, order: Position, position: Position, velocity: Position) -> Reason | None:
+        """Use the `order` that leaves now, and the motion reported. Return the reason to end the search, or None."""
         deviation = self._check.observe(time_s, order, position, velocity)
         if deviation is None:
-            return ""
+            return None
         if deviation.off_deg is not None or self._aside:
-            return _text(deviation)
+            return because(Why.NOT_FOLLOWED, **deviation._asdict())
         self._emit(SetPointsNotFollowed(time_s, deviation.seconds, deviation.ordered_m, deviation.flown_m))
         self._check.restart()
         self._aside, self._until_s = _sideways(order, position), time_s + _ASIDE_S
-        return ""
+        return None
 
 
 def _sideways(order: Position, position: Position) -> tuple[float, float]:
@@ -53,10 +52,3 @@ def _sideways(order: Position, position: Position) -> tuple[float, float]:
     north, east, _ = order
     side = 1.0 if east * position[0] - north * position[1] >= 0 else -1.0
     return -side * east, side * north
-
-
-def _text(deviation: Deviation) -> str:
-    off_deg, cause = deviation.off_deg, _STOPPED if deviation.off_deg is None else _ASTRAY
-    how = "it hardly moves" if off_deg is None else f"it flies {abs(off_deg):.0f}° off"
-    flown = f"{deviation.flown_m:.1f} m in {deviation.seconds:.0f} s, {deviation.ordered_m:.1f} m ordered"
-    return f"the vehicle does not follow its set-points: {how} ({flown}): {cause}"

@@ -14,7 +14,8 @@ from arva_hil.autopilot.following.modes import Modes, modes_of
 from arva_hil.autopilot.following.pose_track import PositionSample
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
-from arva_hil.events.searches import DryRunBegun, SetPointPlanned, WouldOrder
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.searches import DryRunBegun, OrderDetail, SetPointPlanned, WouldOrder
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.model.field.quaternion import heading
 from arva_hil.search.flight.airborne import STAY, reading_of
@@ -26,8 +27,6 @@ from arva_hil.search.strategies.analysis import Worker
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Position
 from firmware_proto import Frame
-
-WOULD_FLY: Final = "dry run: nothing was ordered; it would have flown"
 
 _LAST_S: Final = 5.0  # of set-points
 _SAY_S: Final = 1.0  # between set-points that are reported
@@ -85,16 +84,16 @@ class DryRun:
             try:
                 self._modes = modes_of(self._session.vehicle)
             except ValueError as error:
-                return Refusal("failed", str(error))
+                return Refusal("failed", because(Why.ERROR, text=str(error)))
             self._begin(now, mode, self._modes, place)
         assert self._mission is not None
         self._fly(now, self._mission)
         if self._mission.broken:
-            return Refusal("failed", f"dry run: {self._mission.ended}; nothing was ordered")
+            return Refusal("failed", because(Why.WOULD_END, because=self._mission.ended))
         if now - self._begun_s < _LAST_S:
             return None
         self._end(now)
-        return Refusal("would fly", WOULD_FLY)
+        return Refusal("would fly", because(Why.WOULD_FLY))
 
     def _begin(self, now: float, mode: int, modes: Modes, place: PositionSample) -> None:
         session, take_off = self._session, self._plan.take_off
@@ -106,12 +105,11 @@ class DryRun:
         emit(DryRunBegun(now, str(session.vehicle), self._plan.take_over, self._plan.countdown_s))
         if not self._plan.take_over:
             if mode != modes.hold:
-                emit(WouldOrder(now, "DO_SET_MODE", modes.name(modes.hold)))
-            emit(WouldOrder(now, "COMPONENT_ARM_DISARM", "arm"))
-            emit(WouldOrder(now, "NAV_TAKEOFF", f"to {take_off:g} m above the take-off point"))
+                emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(modes.name(modes.hold))))
+            emit(WouldOrder(now, "COMPONENT_ARM_DISARM", OrderDetail()))
+            emit(WouldOrder(now, "NAV_TAKEOFF", OrderDetail(height_m=take_off)))
         if mode != modes.steer and (self._plan.take_over or modes.steer != modes.take_off):
-            still = f"set-points flow, 0 m/s, {1 / EVERY_S:g} a second; then {modes.name(modes.steer)}"
-            emit(WouldOrder(now, "DO_SET_MODE", still))
+            emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(modes.name(modes.steer), set_points_hz=1 / EVERY_S)))
         place_ned = self._lifted((0.0, 0.0, -self._height(now)))
         self._mission = Mission(self._plan, now, place_ned, emit=emit, worker=self._worker)
         if self._last is not None:
@@ -149,6 +147,6 @@ class DryRun:
         assert self._modes is not None
         emit = self._emit
         if self._plan.land:
-            emit(WouldOrder(now, "NAV_LAND", "at the end"))
+            emit(WouldOrder(now, "NAV_LAND", OrderDetail(at_end=True)))
         elif self._modes.hold != self._modes.steer:
-            emit(WouldOrder(now, "DO_SET_MODE", f"{self._modes.name(self._modes.hold)}, at the end"))
+            emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(self._modes.name(self._modes.hold), at_end=True)))

@@ -8,6 +8,7 @@ from typing import Final
 
 from arva_hil.autopilot.following.modes import modes_of
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.mavlink.codec import Packet, dialect
 
 _STILL_M_S: Final = 0.5
@@ -34,27 +35,27 @@ class Hover:
                 message = self._session.parser.decode(packet)
                 self._mode = -1 if message is None else message.custom_mode
 
-    def why_not(self, now: float) -> str:
-        """Why it cannot be taken over now, "" if it can. Call it a few times a second."""
+    def why_not(self, now: float) -> Reason | None:
+        """Return the reason why it cannot be taken over now, None if it can. Call it a few times a second."""
         why = self._why_not()
         self._since = math.inf if why else min(self._since, now)
         if not why and now - self._since < _STILL_S:
-            return "it has just come to a halt"
+            return because(Why.JUST_STOPPED)
         return why
 
-    def _why_not(self) -> str:
+    def _why_not(self) -> Reason | None:
         vehicle, place, home = self._session.vehicle, self._session.track.last_position, self._session.home
         if vehicle is None or place is None or home is None:
-            return "its home position is not known"
+            return because(Why.HOME_UNKNOWN)
         if not vehicle.armed:
-            return "it is not armed"
+            return because(Why.NOT_ARMED)
         try:
             modes = modes_of(vehicle)
         except ValueError as error:
-            return str(error)
+            return because(Why.ERROR, text=str(error))
         if self._mode not in (_PX4 if modes.px4 else _ARDUPILOT):
-            return f"it is in {modes.name(self._mode)}"
+            return because(Why.IN_MODE, mode=modes.name(self._mode))
         height, speed = place.alt - home[2], math.hypot(*place.velocity)
         if height < _LOWEST_M:
-            return f"it is {height:.1f} m above home, less than {_LOWEST_M:g} m"
-        return f"it moves at {speed:.1f} m/s" if speed >= _STILL_M_S else ""
+            return because(Why.NEAR_HOME, height_m=height, least_m=_LOWEST_M)
+        return because(Why.MOVES, speed=speed) if speed >= _STILL_M_S else None

@@ -8,6 +8,7 @@ from typing import Final, Protocol
 from arva_hil.autopilot.commanding.vehicle_checks import SimulatorCheck
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
+from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import ArmingAllowed, ConsentNeeded, SimulatorRecognized
 from arva_hil.mavlink.codec import Packet
 from arva_hil.search.mission.outcome import Refusal
@@ -19,8 +20,8 @@ _THINK_S: Final = 60.0  # for the answer of a person
 class Question(Protocol):
     """A question to a person while the loop goes on."""
 
-    def ask(self, text: str) -> None:
-        """Show the question. Earlier input is no answer."""
+    def ask(self, label: str) -> None:
+        """Ask if this vehicle, which is not known to be a simulator, may fly. Earlier input is no answer."""
 
     def answer(self) -> str | None:
         """The line that was typed since then, None while there is none. Never waits."""
@@ -93,22 +94,22 @@ class Permission:
             self._vehicle = now
 
     def _ask(self, now: float, emit: Callable[[Event], None]) -> Refusal | bool:
-        real = f"{self._session.vehicle} is not known to be a simulator"
+        label = str(self._session.vehicle)
         if self._yes:
             self._said = True
-            emit(ArmingAllowed(now, str(self._session.vehicle)))
+            emit(ArmingAllowed(now, label))
         elif self._dry_run:
             self._said = True
-            emit(ConsentNeeded(now, str(self._session.vehicle), self._question is not None))
+            emit(ConsentNeeded(now, label, self._question is not None))
         elif self._question is None:
-            return Refusal("refused", f"{real}: to let it fly, write --yes")
+            return Refusal("refused", because(Why.NOBODY_ASKED, label=label))
         elif self._asked is None:
             self._asked = now
-            self._question.ask(f"{real}: propellers will turn. Type yes to let it fly")
+            self._question.ask(label)
         elif (answer := self._question.answer()) is not None:
             if answer.strip().lower() != "yes":
-                return Refusal("refused", f"{real}, and the answer was not yes: nothing was done")
+                return Refusal("refused", because(Why.ANSWER_NO, label=label))
             self._said = True
         elif now - self._asked > _THINK_S:
-            return Refusal("refused", f"{real}, and nobody said yes within {_THINK_S:g} s: nothing was done")
+            return Refusal("refused", because(Why.ANSWER_LATE, label=label, seconds=_THINK_S))
         return self._said

@@ -13,8 +13,8 @@ from arva_hil.autopilot.commanding.vehicle_checks import Failsafes
 from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import CountDown, FailsafesKnown, FenceInArea, ParameterDoubted, WaitingFor
-from arva_hil.events.words.reasons import no_pose, no_vehicle
 from arva_hil.links import Link
 from arva_hil.links.processes import other_readers
 from arva_hil.mavlink.codec import Packet, decode, dialect
@@ -27,11 +27,6 @@ from arva_hil.search.flight.receiver_link import ReceiverLink
 from arva_hil.search.mission.outcome import Kind, Refusal
 from arva_hil.search.strategies.plan import SearchPlan
 
-INTERRUPTED: Final = "interrupted"
-_TAKEN: Final = (
-    "another program has set the mode that follows set-points, while this search was waiting: end that program, "
-    "and start the search again"
-)
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _PARAMETER: Final = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 
@@ -131,28 +126,28 @@ class Preflight:
         self._looked = now
         session = self._session
         if self._autopilot.away:
-            return self._lack("link", now, "no link", lambda: self._autopilot.why)
+            return self._lack("link", now, "no link", lambda: because(Why.ERROR, text=self._autopilot.why))
         if session.vehicle is None or not self._greeted:
-            return self._lack("autopilot", now, "no link", lambda: f"no autopilot: {no_vehicle(session.heard())}")
+            return self._lack("autopilot", now, "no link", lambda: because(Why.NO_AUTOPILOT, heard=session.heard()))
         if self._taken and not self._hover:
-            return Refusal("failed", _TAKEN)
+            return Refusal("failed", because(Why.MODE_SET_BY_PROGRAM))
         if session.vehicle.armed and not self._hover:
             self._armed_since = min(self._armed_since, now)
             if now - self._armed_since < QUIET_S:  # another search that flies it names itself
                 return False
-            how = "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover"
-            return Refusal("failed", how)
+            return Refusal("failed", because(Why.ARMED_ALREADY))
         if self._receiver.silent(now):
             silence = self._receiver.why_silent
             return self._lack("frame", now, "no link", lambda: silence(now))
         if not self._has_pose(now):
-            return self._lack("pose", now, "failed", lambda: f"no pose: {no_pose(session.why_no_pose())}")
+            return self._lack("pose", now, "failed", lambda: because(Why.NO_POSE, lacking=session.why_no_pose()))
         if self._hover and (moving := self._hover.why_not(now)):
-            return self._lack("hover", now, "failed", lambda: f"the vehicle is not taken over: {moving}")
-        if why := self._battery.why(now):
-            if self._battery.low(now):
-                return Refusal("failed", f"{why}: charge or change it, and restart the autopilot; nothing was flown")
-            return self._lack("battery", now, "failed", lambda: f"{why}, or not measured: nothing was flown")
+            return self._lack("hover", now, "failed", lambda: because(Why.CANNOT_TAKE_OVER, because=moving))
+        battery = self._battery.why(now)
+        if battery is Why.BATTERY_LOW:
+            return Refusal("failed", because(Why.BATTERY_LOW_BEFORE))
+        if battery is not None:
+            return self._lack("battery", now, "failed", lambda: because(Why.BATTERY_UNKNOWN_BEFORE))
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)
@@ -160,8 +155,7 @@ class Preflight:
         if ready is True or not self._alone:  # again after a person was asked, because it may have changed
             self._alone = True
             if others := other_readers(self._receiver.name):
-                what = f"{self._receiver.name} is read by {', '.join(others)} too, and each gets a part of the frames"
-                return Refusal("no link", f"{what}; close the other program")
+                return Refusal("no link", because(Why.PORT_SHARED, port=self._receiver.name, readers=others))
         return ready
 
     def _permitted(self, now: float) -> Refusal | bool:
@@ -177,27 +171,24 @@ class Preflight:
             for doubt in self.failsafes.doubts():
                 self._emit(ParameterDoubted(now, *doubt))
             if self._hover is None and (beyond := self._compare_fence(now)):
-                return Refusal("failed", f"{beyond}; nothing was armed")
+                return Refusal("failed", beyond)
         return self._permission.look(now, self._emit) if self._permission else True
 
-    def _compare_fence(self, now: float) -> str:
-        """Report a fence inside the area. Return the reason against any flight, or ""."""
+    def _compare_fence(self, now: float) -> Reason | None:
+        """Report a fence inside the area. Return the reason against any flight, or None."""
         fence, plan = fence_of(self.failsafes.values, px4=self.failsafes.px4), self._plan
         south, west, north, east = plan.area
         farthest = math.hypot(max(-south, north), max(-west, east))
         nearest = math.hypot(max(south, -north, 0.0), max(west, -east, 0.0))
         height = max(plan.height, plan.take_off)
-        for limit, needed, what in (
-            (fence.radius, nearest, "the whole area is"),
-            (fence.height, height, "the height is"),
-        ):
-            if limit and needed > limit.metres:
-                return f"{what} beyond the vehicle's fence ({limit.parameter} {limit.metres:g}), {needed:g} m needed"
+        for limit, needed_m in (fence.radius, nearest), (fence.height, height):
+            if limit and needed_m > limit.metres:
+                return because(Why.BEYOND_FENCE, area=limit is fence.radius, **limit._asdict(), needed_m=needed_m)
         if fence.radius and farthest > fence.radius.metres:
             self._emit(FenceInArea(now, *fence.radius, farthest))
         if fence.points:
             self._emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
-        return ""
+        return None
 
     def _count_down(self, now: float) -> bool:
         """The last seconds before propellers turn."""
@@ -210,7 +201,7 @@ class Preflight:
             self._next_said = math.ceil(left) - 1
         return left <= 0
 
-    def _lack(self, what: _Lacking, now: float, kind: Kind, why: Callable[[], str]) -> Refusal | bool:
+    def _lack(self, what: _Lacking, now: float, kind: Kind, why: Callable[[], Reason]) -> Refusal | bool:
         self._arm_at = math.inf
         if what != self._waits_for:
             self._waits_for = what

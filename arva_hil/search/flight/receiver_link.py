@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import ReceiverGone
 from arva_hil.links import Link, LinkError
 from arva_hil.runtime.link_monitor import LinkMonitor
@@ -64,19 +65,17 @@ class ReceiverLink:
     def silent(self, now: float, limit_s: float = _SILENT_S) -> bool:
         return now - self._last_s > limit_s
 
-    def why_silent(self, now: float) -> str:
-        """Return, in words, the data received instead of frames."""
+    def why_silent(self, now: float) -> Reason:
+        """Return the data received instead of frames."""
         if self._link.away:
-            return f"no frame from the receiver: {self._link.why}"
-        if self.last is not None:
-            why = f"the last one came {now - self._last_s:.0f} s ago"
-            if self._fresh.repeats:
-                why += f", and its sequence number {self.last.sequence} again and again since"
-        elif self._first_bytes:
-            why = f"bytes came that are none, first {self._first_bytes!r}: is the format right, and the baud rate?"
-        else:
-            why = "nothing came at all"
-        return f"no frame from the receiver at {self._link.name}: {why}"
+            return because(Why.RECEIVER_AWAY, text=self._link.why)
+        return because(
+            Why.RECEIVER_SILENT,
+            link=self._link.name,
+            age_s=now - self._last_s if self.last else None,
+            repeated=self.last.sequence if self.last and self._fresh.repeats else None,
+            first_bytes=self._first_bytes,
+        )
 
     def _read(self, now: float) -> bytes:
         try:

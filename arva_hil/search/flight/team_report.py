@@ -12,7 +12,7 @@ from arva_hil.events.teams import TeammateBack, TeammateLost
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.flight.frames_told import as_position
 from arva_hil.search.mission.choice import NO_ID
-from arva_hil.search.mission.mission import FOUND, Mission
+from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import lla
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_news import HeardAt
@@ -74,7 +74,7 @@ class TeamReport:
         searching = searching and not mission.ended
         hunting = target if mission.hunting and searching else None
         found = {victim.id for victim in mission.victims.places if victim.sure} - {NO_ID}
-        if mission.ended == FOUND and mission.found and target is not None:  # not before the last look at it
+        if mission.found_surely and target is not None:  # not before the last check of its place
             found.add(target)
         for id_, heard in mission.heard.items():
             before = self._handed.get(id_)

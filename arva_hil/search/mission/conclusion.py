@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.model.field.geodesy import LocalFrame
-from arva_hil.search.mission.mission import FOUND, NOT_SURE, Mission
+from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import Kind, Outcome, lla
 from arva_hil.search.mission.victims import probing_order
 
@@ -12,20 +13,21 @@ def kind_of(mission: Mission | None) -> Kind:
     """The kind of outcome for the places that are reported: "failed" if not all that were asked for are."""
     if mission is None:
         return "failed"
-    complete = mission.ended in (FOUND, NOT_SURE) if mission.victims.several else mission.found is not None
+    complete = mission.at_goal if mission.victims.several else mission.found is not None
     if not complete:
         return "failed"
     return "found" if mission.sure else "not sure"
 
 
-def conclusion(mission: Mission) -> tuple[Kind, str]:
+def conclusion(mission: Mission) -> tuple[Kind, Reason]:
     """The kind of outcome, and how it ended, of a mission whose flight ended as it should."""
     if (kind := kind_of(mission)) != "failed":
-        return kind, FOUND if mission.sure else NOT_SURE
+        return kind, because(Why.FOUND if mission.sure else Why.NOT_SURE)
+    assert mission.ended is not None
     return "failed" if mission.broken else "not found", mission.ended
 
 
-def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: str) -> Outcome:
+def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tuple[Reason, ...]) -> Outcome:
     """The outcome. `origin`: the take-off point."""
     id_, found, victims = mission.target, mission.found, probing_order(mission.victims.places)
     if mission.victims.several:

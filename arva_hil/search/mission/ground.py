@@ -18,6 +18,7 @@ from arva_hil.autopilot.following.pose_track import VehicleState
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import HeightSource, SensorsDisagree
 from arva_hil.model.field.quaternion import upright
 from arva_hil.search.mission.height_sensors import FRESH_S, HeightSensors, Survey
@@ -61,8 +62,8 @@ class Height(NamedTuple):
     """Height of the ground below, above the take-off point [m]; None if it is not known."""
     still: bool = False
     """True while sensors disagree or are checked: the vehicle must not fly on."""
-    doubt: str = ""
-    """Why the height is not known, if the sensors disagree for long."""
+    doubt: Reason | None = None
+    """The sensors that disagree for long: the height is not known."""
     landed: bool = False
     """True if the vehicle is on the ground."""
 
@@ -232,8 +233,8 @@ class Ground:
 
     def _compare(
         self, now: float, altitudes: dict[str, float], measured: float | None, sigma: float
-    ) -> tuple[bool, str]:
-        """Emit each pair that disagrees once. Returns whether sensors disagree, and the words if they do for long."""
+    ) -> tuple[bool, Reason | None]:
+        """Emit each pair that disagrees once. Returns whether sensors disagree, and those that do so for long."""
         errors = dict(_ERRORS_M, GPS=_ERRORS_M["GPS"] + sigma)
         errors["barometer"] += _WEATHER * (now - self._start.time_s)
         found = {}
@@ -251,12 +252,8 @@ class Ground:
         for pair in found.keys() - self._disagree.keys():
             self._emit(SensorsDisagree(now, pair[0], found[pair][0], pair[1], found[pair][1]))
         self._disagree = {pair: self._disagree.get(pair, now) for pair in found}
-        doubts = [
-            f"the {one} says {a:.1f} m, and the {two} {b:.1f} m"
-            for (one, two), (a, b) in found.items()
-            if now - self._disagree[one, two] >= _LONG_S
-        ]
-        return bool(found), "; ".join(doubts)
+        pairs = [(one, a, two, b) for (one, two), (a, b) in found.items() if now - self._disagree[one, two] >= _LONG_S]
+        return bool(found), because(Why.SENSORS_DISAGREE, pairs=pairs) if pairs else None
 
     def _tell(self, source: _Source, now: float, margin: float = 0.0) -> None:
         if source != self._source:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import DescentBegun
 from arva_hil.search.mission.beliefs import Beliefs
 from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations
@@ -31,13 +32,9 @@ from arva_hil.search.strategies.plan import FAR_M, SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategies.strips import Strips
 from arva_hil.search.team.team import Teammate
-from arva_hil.search.team.team_strips import strips_of
+from arva_hil.search.team.team_strips import TeamStrips, strips_of
 from firmware_proto import Frame
 
-FOUND: Final = "found"  # the outcome of a successful search
-NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
-
-_LANDED: Final = "it is on the ground, or it does not sink as ordered because set-points are lost"
 _THERE_M: Final = 0.5  # from the place found
 _LONG_S: Final = 240.0  # on the way to one transmitter: then another one of a team may have more luck
 
@@ -45,7 +42,7 @@ _LONG_S: Final = 240.0  # on the way to one transmitter: then another one of a t
 class Mission:
     """The received transmitters and the state of the search.
 
-    - `ended`: the way it has ended, "" before. `broken`: it has ended early.
+    - `ended`: the reason of its end, None before. `broken`: it has ended early.
     - `sure`: the readings agree with the places found. `victims`: those of several.
     - `start_s`: the end of the take-off.
     - `land`: after the search it descends onto the place found, until `over`, when only landing or hovering is left.
@@ -71,7 +68,7 @@ class Mission:
     ) -> None:
         self.plan = plan
         self.start_s = start_s
-        self.ended = ""
+        self.ended: Reason | None = None
         self.broken = False
         self.found: Found | None = None  # it flies above this place, to end there or to note it
         self.sure = True
@@ -132,27 +129,38 @@ class Mission:
             self.victims.serve(time_s)
         height = height or Height(-position[2], False)
         if (height.landed or height.doubt) and not self.ended:
-            self._end(_LANDED if height.landed else height.doubt, broken=True)
+            landed = because(Why.ON_THE_GROUND) if height.landed else None
+            self._end(landed or height.doubt, broken=True)
         if self.ended and self._lands:
             return self._come_down(time_s, position, height)
         if self._team:
             self._keeper.asked = self._team.height(self.plan.height, height.metres - height.margin, position)
         down = self._keeper.velocity(time_s, height)
         if self._keeper.failed and not self.ended:
-            self._end(f"it does not get higher than {height.metres:.1f} m", broken=True)
+            self._end(because(Why.TOO_LOW, metres=height.metres), broken=True)
         north, east = self._horizontal(time_s, position, receiver or position)
         share = self._keeper.pace * self.plan.speed / max(math.hypot(north, east), self.plan.speed)
         return north * share, east * share, down
 
     def confirm(self, time_s: float) -> None:
         """The last look, from near the ground: the transmitter may have moved since its place was told."""
-        if self.ended == FOUND and self.found and self._last_look.look(self.found, time_s, last=True) != AGREES:
-            self.sure, self.ended = False, NOT_SURE
+        if self.found_surely and self.found and self._last_look.look(self.found, time_s, last=True) != AGREES:
+            self.sure, self.ended = False, because(Why.NOT_SURE)
 
     @property
     def over(self) -> bool:
         """True if the search has ended, and the descent too."""
-        return bool(self.ended) and (not self._lands or (self._descent is not None and self._descent.done))
+        return self.ended is not None and (not self._lands or (self._descent is not None and self._descent.done))
+
+    @property
+    def at_goal(self) -> bool:
+        """True if the search has ended because everything was found."""
+        return self.ended is not None and self.ended.why in (Why.FOUND, Why.NOT_SURE)
+
+    @property
+    def found_surely(self) -> bool:
+        """True if the search has ended above a place, and the readings agree with all places."""
+        return self.found is not None and self.ended == because(Why.FOUND)
 
     @property
     def blocked(self) -> bool:
@@ -211,16 +219,15 @@ class Mission:
         if self.ended:
             return STILL
         if self.plan.far(position):
-            return self._end(f"it is more than {FAR_M:g} m outside the area", broken=True)
+            return self._end(because(Why.TOO_FAR, metres=FAR_M), broken=True)
         if silent := self._guidance.silent(time_s):
-            return self._end(silent, broken=True)
+            return self._end(because(Why.STRATEGY_FAILED, text=silent), broken=True)
         if self.found is not None:
             return self._go_there(self.found, time_s, position)
-        if silent := self._pauses.silent(time_s):
-            return self._end(silent, broken=True)
+        if no_frame := self._pauses.silent(time_s):
+            return self._end(no_frame, broken=True)
         if self.searched_s > self.plan.limit_s:
-            where = f"in {self.plan.limit_s:g} s"
-            return self._end(self.victims.not_all(where, len(self.others), f"not found {where}"))
+            return self._end(self.victims.not_all(Why.TIME_UP, len(self.others), limit_s=self.plan.limit_s))
         if self._pauses.waits(time_s):
             if stuck := self._pauses.stuck(time_s):
                 self._end(stuck, broken=True)
@@ -239,10 +246,9 @@ class Mission:
             self._twice = True
             return self._strips.again()
         if self.victims.wanted or not self.victims.places or self.others:
-            heard, rounds = "not found" if self.heard else "no signal", ", twice" if self._twice else ""
-            nothing = f"{heard}: {self._strips.how_flown}{rounds}"
-            return self._end(self.victims.not_all("on all strips", len(self.others), nothing))
-        return self._end(FOUND if self.sure else NOT_SURE)
+            how = {"heard": bool(self.heard), "twice": self._twice, "team": isinstance(self._strips, TeamStrips)}
+            return self._end(self.victims.not_all(Why.STRIPS_FLOWN, len(self.others), **how))
+        return self._end_at_goal()
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
         place, late = found.goal, self.searched_s > self.plan.limit_s
@@ -255,7 +261,7 @@ class Mission:
                 return self._go_on(position) if verdict == LOOK_AGAIN else STILL
             self.sure = verdict == AGREES
         if not self.victims.several:
-            return self._end(FOUND if self.sure else NOT_SURE)
+            return self._end_at_goal()
         return self._note_victim(found, time_s, position, late=late)
 
     def _note_victim(self, found: Found, time_s: float, position: Position, *, late: bool) -> Velocity:
@@ -272,7 +278,7 @@ class Mission:
         victims.note(self.heard, time_s)
         self.sure = all(victim.sure for victim in victims.places)
         if victims.enough:
-            return self._end(FOUND if self.sure else NOT_SURE)
+            return self._end_at_goal()
         return self._go_on(position)
 
     def _go_on(self, position: Position) -> Velocity:
@@ -294,7 +300,7 @@ class Mission:
         if answer is None or self.ended:
             return
         if answer.failed:
-            self._end(answer.failed, broken=True)
+            self._end(because(Why.STRATEGY_FAILED, text=answer.failed), broken=True)
             return
         if (target := self.target) is None or self.found is not None:
             return
@@ -314,6 +320,9 @@ class Mission:
         self._go_on(position)
         return True
 
-    def _end(self, how: str, *, broken: bool = False) -> Velocity:
+    def _end_at_goal(self) -> Velocity:
+        return self._end(because(Why.FOUND if self.sure else Why.NOT_SURE))
+
+    def _end(self, how: Reason | None, *, broken: bool = False) -> Velocity:
         self.ended, self.broken = how, broken
         return STILL

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from arva_hil.events.reasons import Reason
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.victims import Victim
@@ -17,7 +18,7 @@ class Refusal(NamedTuple):
     """Why a search ends on the ground."""
 
     kind: Kind
-    how: str
+    how: Reason
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Outcome:
     """
 
     kind: Kind
-    how: str
+    how: tuple[Reason, ...]
     id: int | None = None  # of the transmitter searched for, -1 when frames carry none
     found: Found | None = None
     lat_lon: tuple[float, float] | None = None  # of `found`, degrees

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final, Literal
 
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import SearchPaused, SearchResumed
 from arva_hil.search.mission.reading_checks import StuckReadings
 from arva_hil.search.strategies.strategy import Position
@@ -37,10 +38,10 @@ class Pauses:
         """Return True if the last frame's reading of this transmitter is from another place."""
         return self._standstill.repeats(id_)
 
-    def silent(self, time_s: float) -> str:
-        """Return the end of the search if no frame came for too long; otherwise ""."""
+    def silent(self, time_s: float) -> Reason | None:
+        """Return the end of the search if no frame came for too long."""
         too_long = time_s - self._last_frame_s > self._patience_s
-        return f"no frame from the receiver for {self._patience_s:g} s" if too_long else ""
+        return because(Why.NO_FRAME, seconds=self._patience_s) if too_long else None
 
     def waits(self, time_s: float) -> bool:
         """Return True if the search hovers because the receiver does not work."""
@@ -55,7 +56,7 @@ class Pauses:
             self._emit(SearchResumed(time_s, before))
         return why is not None
 
-    def stuck(self, time_s: float) -> str:
-        """Return the end of the search if the same reading came for too long; otherwise ""."""
+    def stuck(self, time_s: float) -> Reason | None:
+        """Return the end of the search if the same reading came for too long."""
         too_long = self._why == "same readings" and time_s - self._since_s > self._patience_s
-        return "the receiver repeats the same reading: it is stuck" if too_long else ""
+        return because(Why.SAME_READING) if too_long else None

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.events import Event
+from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import (
     MarkLost,
     MarksNotTaken,
@@ -98,11 +99,9 @@ class Victims:
         """True if as many as wanted were found for sure."""
         return self.wanted is not None and sum(victim.sure for victim in self.places) >= self.wanted
 
-    def not_all(self, where: str, more: int, nothing: str) -> str:
+    def not_all(self, why: Why, more: int, **values: Any) -> Reason:
         """Return the end of a search that has not found all that it searched for; `more` were received."""
-        wanted, count = self.wanted, len(self.places)
-        some = f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
-        return some if count else nothing
+        return because(why, found=len(self.places), wanted=self.wanted, more=more, **values)
 
     def knows(self, id_: int) -> bool:
         """Return True if a transmitter is found."""

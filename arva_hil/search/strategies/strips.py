@@ -22,8 +22,6 @@ class Strips:
     Raises ValueError for an empty area, or a width or speed that is not positive.
     """
 
-    how_flown = "all strips are flown"
-
     def __init__(self, area: Area, speed: float, position: Position, *, width: float = 40.0) -> None:
         south, west, north, east = area
         if not (south < north and west < east and width > 0 and speed > 0):

@@ -21,8 +21,6 @@ class TeamStrips(Strips):
     that other drones leave. While others still search, it hovers and waits for either.
     """
 
-    how_flown = "all strips are flown, those of other parts as the team reports"
-
     def __init__(self, area: Area, plan: SearchPlan, position: Position, team: Teammate) -> None:
         super().__init__(area, plan.speed, position, width=plan.strip_width)
         self._plan = plan

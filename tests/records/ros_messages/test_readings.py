@@ -180,7 +180,7 @@ def test_other_events_and_receivers_of_other_runs_have_no_messages() -> None:
 def test_each_of_several_vehicles_has_its_map_and_they_lie_together() -> None:
     made_of = RunMessages(load("configs/two_vehicles.yaml"), EPOCH_US)
     for vehicle, lat in (("alpha", 46.0), ("bravo", 46.001)):
-        made_of.of_event(DatumSet(0.0, vehicle, lat, 7.0, 1650.0, ""))
+        made_of.of_event(DatumSet(0.0, vehicle, lat, 7.0, 1650.0, ()))
     told = by_topic(made_of.of_event(named(made(), "bravo", "only")))
     assert told["/bravo/only/arva"]["header"]["frame_id"] == "bravo/only/arva_receiver"
     assert told["/bravo/only/arva/pose"]["header"]["frame_id"] == "bravo/map"

@@ -34,7 +34,7 @@ def of(topic: str, publications: list[Publication]) -> list[Publication]:
 
 def test_the_messages_are_those_of_the_live_run(tmp_path: Path) -> None:
     live = RunMessages(DEFAULT, made_records.EPOCH_US)
-    live.of_event(DatumSet(made_records.START_S, "vehicle", *made_records.HOME, ""))
+    live.of_event(DatumSet(made_records.START_S, "vehicle", *made_records.HOME, ()))
     published = [p for made in made_records.frames(DEFAULT, 30) for p in live.of_event(made)]
     replayed = list(messages_of(load_record(made_records.write(tmp_path / "run"))))
     for topic in ("/arva", "/arva/pose", "/arva/fix", "/arva/visualization"):

@@ -57,7 +57,7 @@ def test_without_a_place_only_the_reading_is_told() -> None:
 
 def test_beside_an_emulator_the_take_off_point_lies_in_its_map() -> None:
     messages = LiveMessages(DEFAULT, EPOCH_US, searches=True)
-    messages.of_event(DatumSet(0.0, "vehicle", *HOME, ""))
+    messages.of_event(DatumSet(0.0, "vehicle", *HOME, ()))
     messages.of_event(FromSearch(1.0, TakeOffPoint(1.0, 46.001, 7.0, 1650.0)))
     said = by_topic(messages.of_event(FromSearch(2.0, HEARD)))
     (there,) = [t for t in said["/tf"]["transforms"] if t["child_frame_id"] == "takeoff"]
