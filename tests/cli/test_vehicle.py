@@ -97,7 +97,7 @@ def test_a_failsafe_strikes_at_its_time_in_the_air(start: Start, keep: Keep, nam
         ([], "the following arguments are required: --link URL"),
         (["--link", "nonsense:1:2:3"], "--link"),
         (["--link", "udpout:127.0.0.1:1", "--link", "udpout:127.0.0.1:1"], "udpout:127.0.0.1:1: named twice"),
-        (["--link", "pty", "--home", "95,0,0"], "'95,0,0': expected LAT,LON,ALT"),
+        (["--link", "pty", "--home", "95,0,0"], "'95,0,0': latitude 95 is out of range"),
         (["--link", "pty", "--home", "1,2"], "'1,2': expected LAT,LON,ALT"),
         (["--link", "pty", "--wind", "nan,0,0"], "'nan,0,0': expected N,E,D in m/s"),
         (["--link", "pty", "--failsafe", "bears@3"], "'bears@3': expected NAME@SECONDS, where NAME is one of geofence"),

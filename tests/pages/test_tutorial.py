@@ -29,7 +29,7 @@ class Terminal:
         self._folder = folder
         self._environment = environment
         self._running: subprocess.Popen[bytes] | None = None
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (closed in `close`)
+        self._said = tempfile.TemporaryFile("a+b")  # noqa: SIM115 (closed in `close`); its writer appends, whoever reads
 
     def type(self, typed: Typed, *, stays: bool) -> None:
         """Type a command, and wait for its end, or until it has answered when it stays; compare what it said."""

@@ -180,7 +180,7 @@ class Bench:
         packets = session.reader.feed(chunk, self._now)
         self._emitted(session.receive(packets, self._now).events)
         self._fed += len(chunk)
-        for p in packets.every:
+        for p in packets:
             self._in_packets += len(p.raw)
             session.parser.decode(p)
             if session.vehicle and (p.system, p.component) == (session.vehicle.system, session.vehicle.component):
@@ -190,7 +190,7 @@ class Bench:
         twin.parser.cut()
         packets = twin.reader.feed(p.raw, self._now)
         twin.receive(packets, self._now)
-        return packets.every
+        return packets
 
     # what has to hold
 
