@@ -16,7 +16,7 @@ ALL = [Estimate, Extremum, Flux]
 Maker = type[Estimate] | type[Extremum] | type[Flux]
 
 
-@pytest.mark.parametrize(("seed", "transmitter"), enumerate(PAPER))
+@pytest.mark.parametrize(("seed", "transmitter"), [*enumerate(PAPER)])
 @pytest.mark.parametrize(("make", "within_m", "within_s"), [(Estimate, 0.3, 45), (Extremum, 1, 250), (Flux, 1, 200)])
 def test_the_cases_of_the_paper(make: Maker, within_m: float, within_s: float, seed: int, transmitter: str) -> None:
     flight = fly(make(1.0), transmitter, height_m=1 + 0.2 * seed, yaw=2.0 * seed, seed=seed)
