@@ -424,3 +424,14 @@ def test_a_battery_that_is_low_between_two_ends_it() -> None:
     between(world)
     world.between = says_of_the_battery(SYS_STATUS, LOW)
     assert world.end(2.0) == ("failed", "the battery is not healthy; the pilot has it, in LOITER")
+
+
+def test_one_that_is_not_sure_is_told_and_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, False))
+    rescue = Rescue(2, limit_s=60.0)
+    rescue.find(beacon(1, 2), beacon(2, 18))
+    rescue.find(beacon(1, 2), beacon(2, 18))
+    for _ in range(60):
+        rescue.step(beacon(2, 18))
+    assert [victim.sure for victim in rescue.mission.victims.places] == [False]
+    assert in_words(rescue.mission.ended) == "0 of 2 found, 1 not sure in 60 s"

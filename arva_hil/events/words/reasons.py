@@ -157,11 +157,14 @@ def _one(reason: Reason) -> str:
     return form.format_map(reason.values) if isinstance(form, str) else form(**reason.values)
 
 
-def _not_all(where: str, nothing: str, found: int, wanted: int | None, more: int) -> str:
+def _not_all(where: str, nothing: str, found: int, wanted: int | None, more: int, unsure: int = 0) -> str:
     """Return the end of a search that has not found all that it searched for."""
-    if not found:
+    if not found and not unsure:
         return nothing
-    return f"{found} of {wanted} found {where}" if wanted else f"{found} found {where}, {more} more heard"
+    doubtful = f", {unsure} not sure" if unsure else ""
+    if wanted:
+        return f"{found} of {wanted} found{doubtful} {where}"
+    return f"{found} found{doubtful} {where}, {more} more heard"
 
 
 def _time_up(limit_s: float, **counts: Any) -> str:

@@ -101,7 +101,9 @@ class Victims:
 
     def not_all(self, why: Why, more: int, **values: Any) -> Reason:
         """Return the end of a search that has not found all that it searched for; `more` were received."""
-        return because(why, found=len(self.places), wanted=self.wanted, more=more, **values)
+        sure = sum(victim.sure for victim in self.places)
+        unsure = len(self.places) - sure
+        return because(why, found=sure, unsure=unsure, wanted=self.wanted, more=more, **values)
 
     def knows(self, id_: int) -> bool:
         """Return True if a transmitter is found."""
