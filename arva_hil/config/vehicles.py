@@ -65,10 +65,12 @@ class ReceiverEntry(ReceiverOptions):
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
         yield from super().conflicts(of)
+        if of.format is None:  # a wrong value, which is reported
+            return
         if over_mavlink(of.format) and not lacks(of, "port"):
             expected = "none, because they go over the autopilot's own link"
             yield Violation(expected, f"a port for frames of the format {of.format}", None, ("port",), at_key=True)
-        elif of.format is not None and not over_mavlink(of.format) and lacks(of, "port"):
+        elif not over_mavlink(of.format) and lacks(of, "port"):
             yield Violation(f"a mapping with port, because frames of the format {of.format} go there", "no port")
 
 
