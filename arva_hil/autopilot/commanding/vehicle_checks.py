@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 from arva_hil.autopilot.commanding.fence import FENCE_PARAMETERS
 from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
-from arva_hil.mavlink.codec import Packet, command, dialect
+from arva_hil.mavlink.codec import command, dialect
 from arva_hil.model.field import LocalFrame
 
 _AGAIN_S: Final = 0.5
@@ -114,15 +114,14 @@ class SimulatorCheck:
         """Forget the answer: it may be another vehicle now."""
         self.answer = ""
 
-    def hear(self, packets: Sequence[Packet]) -> None:
-        """Use packets of the vehicle."""
+    def hear(self, received: Received) -> None:
+        """Use what the session received."""
         if self.answer:
             return
-        for packet in packets:
-            if packet.msgid in _PLACES and (message := self._session.parser.decode(packet)) is not None:
-                lat, lon = (getattr(message, name) * 1e-7 for name in _PLACES[packet.msgid])
-                if self._is_near(lat, lon):
-                    self.answer = message.get_type()
+        for msgid, message in received.messages(_PLACES):
+            lat, lon = (getattr(message, name) * 1e-7 for name in _PLACES[msgid])
+            if self._is_near(lat, lon):
+                self.answer = message.get_type()
 
     def poll(self, now: float) -> bytes:
         """The request, if it is due."""

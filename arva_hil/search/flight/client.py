@@ -158,7 +158,7 @@ class SearchClient:
                     self._team.hear(news)
         if self._session.vehicle:
             self._first = self._first or self._claim.find_first(received.others, self._session.vehicle.system)
-        self._preflight.hear(received.own)
+        self._preflight.hear(received)
         self._commander.hear(received, now, since)
         self._ground.hear(received, now)
         senders = self._session.senders

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 from arva_hil.autopilot.following.modes import modes_of
+from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events.reasons import Reason, Why, because
-from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.mavlink.codec import dialect
 
 _STILL_M_S: Final = 0.5
 _STILL_S: Final = 1.0
@@ -28,12 +28,10 @@ class Hover:
         self._mode = -1
         self._since = math.inf
 
-    def hear(self, packets: Sequence[Packet]) -> None:
-        """Use packets of the vehicle."""
-        for packet in packets:
-            if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                message = self._session.parser.decode(packet)
-                self._mode = -1 if message is None else message.custom_mode
+    def hear(self, received: Received) -> None:
+        """Use what the session received."""
+        for _, heartbeat in received.messages((dialect.MAVLINK_MSG_ID_HEARTBEAT,)):
+            self._mode = heartbeat.custom_mode
 
     def why_not(self, now: float) -> Reason | None:
         """Return the reason why it cannot be taken over now, None if it can. Call it a few times a second."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final, Protocol
 
 from arva_hil.autopilot.commanding.vehicle_checks import SimulatorCheck
+from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import ArmingAllowed, ConsentNeeded, SimulatorRecognized
-from arva_hil.mavlink.codec import Packet
 from arva_hil.search.mission.outcome import Refusal
 
 _ANSWER_S: Final = 3.0  # for the answer of a simulator, once everything else is ready
@@ -52,10 +52,10 @@ class Permission:
         """True while a person is being asked."""
         return self._asked is not None and not self._said
 
-    def hear(self, packets: Sequence[Packet]) -> None:
-        """Use packets of the vehicle."""
+    def hear(self, received: Received) -> None:
+        """Use what the session received."""
         self._compare()
-        self._check.hear(packets)
+        self._check.hear(received)
 
     def poll(self, now: float) -> bytes:
         """The messages to send to the vehicle."""

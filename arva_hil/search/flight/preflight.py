@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final, Literal
 
 from arva_hil.autopilot.commanding.complaints import Battery
@@ -11,13 +11,14 @@ from arva_hil.autopilot.commanding.fence import fence_of
 from arva_hil.autopilot.commanding.sticks import Sticks
 from arva_hil.autopilot.commanding.vehicle_checks import Failsafes
 from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4
+from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import CountDown, FailsafesKnown, FenceInArea, ParameterDoubted, WaitingFor
 from arva_hil.links import Link
 from arva_hil.links.processes import other_readers
-from arva_hil.mavlink.codec import Packet, decode, dialect
+from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.flight.airborne import OLD_S
 from arva_hil.search.flight.claim import QUIET_S
@@ -77,17 +78,17 @@ class Preflight:
         self._armed_since = math.inf
         self._greeted = False  # whether a heartbeat came since the autopilot's link was opened
 
-    def hear(self, packets: Sequence[Packet]) -> None:
-        """Use packets of the vehicle."""
-        for packet in packets:
-            if packet.msgid == _HEARTBEAT:
+    def hear(self, received: Received) -> None:
+        """Use what the session received."""
+        for msgid, message in received.messages((_HEARTBEAT, _PARAMETER)):
+            if msgid == _HEARTBEAT:
                 self._greeted = True
-                self._watch_mode(decode(packet))
-            elif packet.msgid == _PARAMETER:
-                self.failsafes.hear(self._session.parser.decode(packet))
+                self._watch_mode(message)
+            else:
+                self.failsafes.hear(message)
         for listener in (self._permission, self._hover):
             if listener:
-                listener.hear(packets)
+                listener.hear(received)
 
     def _watch_mode(self, heartbeat: Any) -> None:
         mode, px4 = heartbeat.custom_mode, heartbeat.autopilot == dialect.MAV_AUTOPILOT_PX4
