@@ -17,14 +17,16 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.bench.path_vehicle import PathPoint, PathVehicle
 from arva_hil.bench.ports import BenchError, BenchPort
 from arva_hil.clock import RealClock, StepClock
-from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit
+from arva_hil.config import DEFAULT, Scenario, load, misfit
 from arva_hil.config.faults import parse_fault
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.faults.plan import Faults
 from arva_hil.emulator.ports import Counters
 from arva_hil.emulator.receivers import Mounting
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.events import FrameMade
 from arva_hil.links import Link, open_link
+from arva_hil.model.field import quaternion
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
 HOVERS_AT: Final = (0.0, 0.0, -3.0)  # NED from home, m, before the first `place_vehicle`
@@ -91,6 +93,8 @@ class Bench:
         self._emulator = Emulator(
             [VehicleSetup("vehicle", "autopilot", session, self.scenario, [receiver])], start=0.0, tell_status=False
         )
+        (self._followed,) = self._emulator.vehicles
+        (self._unit,) = self._followed.units
         self._mounting = Mounting(self.scenario)
         self._lock = threading.RLock()
         self._stopped = threading.Event()
@@ -158,8 +162,7 @@ class Bench:
     def power_cycle(self) -> None:
         """Switch the receiver off and on: it forgets all, and counts its frames from 0."""
         with self._lock:
-            (unit,) = self._emulator.vehicles[0].units
-            unit.receiver.command(self.now(), "restart", ())
+            self._unit.receiver.command(self.now(), "restart", ())
 
     # the world
 
@@ -170,9 +173,8 @@ class Bench:
             motion = self._vehicle.truth(now)
             state = VehicleState(now, np.array(motion.ned), np.array(motion.velocity), motion.quaternion, 0.0)
             pose = self._mounting.pose(state, now, swings=False)
-            there = self._emulator.vehicles[0].world.at(now).transmitters
-            w, x, y, z = motion.quaternion
-            yaw_deg = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))) % 360
+            there = self._followed.world.at(now).transmitters
+            yaw_deg = math.degrees(quaternion.heading(motion.quaternion)) % 360
             ranges = {id_: float(one) for id_, one in there.ranges(pose.position).items()} if pose else {}
             return BenchTruth(now, motion.ned, yaw_deg, motion.quaternion, ranges)
 
@@ -209,17 +211,17 @@ class Bench:
             now = self.now()
             if not one.from_s and one.until_s > now:
                 one = replace(one, from_s=now)
-            self._set_faults([*self._faults.present, one])
+            self._faults.change([*self._faults.present, one])
 
     def clear(self) -> None:
         """Switch all faults off, also those of the scenario."""
         with self._lock:
-            self._set_faults([])
+            self._faults.change([])
 
     @property
     def counters(self) -> Counters:
         """The numbers of frames that were made, delivered, damaged, withheld and dropped."""
-        return self._emulator.vehicles[0].units[0].port.counters
+        return self._unit.port.counters
 
     # the end
 
@@ -245,11 +247,10 @@ class Bench:
     # inside
 
     @property
-    def _faults(self) -> Any:
-        return self._emulator.vehicles[0].units[0].port.faults
-
-    def _set_faults(self, faults: Sequence[Fault]) -> None:
-        self._faults.change(faults)
+    def _faults(self) -> Faults:
+        faults = self._unit.port.faults
+        assert faults is not None  # they may change
+        return faults
 
     def _follow(self, what: str, points: Sequence[Sequence[float]]) -> None:
         if not isinstance(self._vehicle, PathVehicle):
@@ -261,7 +262,7 @@ class Bench:
             self._vehicle.follow(path, self.now())
         except ValueError as error:
             raise BenchError(f"{what}: {error}") from None
-        navigation = self._emulator.vehicles[0].session.navigation
+        navigation = self._followed.session.navigation
         navigation.track.forget_positions()  # it may be anywhere now
         navigation.places.forget()
 
@@ -284,7 +285,7 @@ class Bench:
         self._port.settle(unread + self._port.sent - sent)
 
     def _next_due(self) -> float:
-        return min(self._vehicle.next_due, self._emulator.vehicles[0].next_due)
+        return min(self._vehicle.next_due, self._followed.next_due)
 
     def _service(self) -> None:
         """Do what is due now."""

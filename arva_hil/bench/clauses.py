@@ -12,6 +12,7 @@ from firmware_proto.binary import MAX_FRAME_BYTES
 from firmware_proto.commands import encode_command
 
 NO_ID: Final = 255
+_RULES: Final = "Finding frames: the rules of a decoder"  # a section
 _SYNC: Final = b"\xa4\x57"
 _FALSE_HEAD: Final = bytes.fromhex("A4570163000010")  # of 16 channels
 _KNOWN_ZONES: Final = 3
@@ -37,8 +38,6 @@ class Step(NamedTuple):
     """Silence after them."""
     lines: int = 0
     """The lines that must come, on a silent line, before the next step."""
-    unplug: bool = False
-    """The port is unplugged after them."""
 
 
 @dataclass(frozen=True)
@@ -118,24 +117,20 @@ def _split() -> Clause:
     frames = _frames(MAX_FRAME_BYTES // 4, 3)
     cuts = [encode(frame) for frame in frames]
     steps = [Step(part, 0.002) for k, raw in enumerate(cuts) for part in (raw[: k + 1], raw[k + 1 :]) if part]
-    return _clause(
-        "split", "Finding frames: the rules of a decoder", "a frame may be cut at every byte", frames, *steps
-    )
+    return _clause("split", _RULES, "a frame may be cut at every byte", frames, *steps)
 
 
 def _bytewise() -> Clause:
     frames = _frames(2, 2)
     steps = [Step(bytes([byte])) for frame in frames for byte in encode(frame)]
-    return _clause(
-        "bytewise", "Finding frames: the rules of a decoder", "a frame may come byte by byte", frames, *steps
-    )
+    return _clause("bytewise", _RULES, "a frame may come byte by byte", frames, *steps)
 
 
 def _joined() -> Clause:
     frames = [frame for n in (1, 4, 16, 2) for frame in _frames(20, n, 20 * n)]
     return _clause(
         "joined",
-        "Finding frames: the rules of a decoder",
+        _RULES,
         "many frames may come at once",
         frames,
         b"".join(map(encode, frames)),
@@ -149,35 +144,33 @@ def _noise() -> Clause:
             random.choice((0xA4, 0x57, 0x01, 0x00, random.randrange(256))) for _ in range(random.randrange(1, 40))
         )
         data += noise.replace(_SYNC + b"\x01", b"\x00") + b"\x00" + encode(frame)
-    return _clause(
-        "noise", "Finding frames: the rules of a decoder", "bytes between frames cost no frame", frames, data
-    )
+    return _clause("noise", _RULES, "bytes between frames cost no frame", frames, data)
 
 
 def _sync_bytes() -> Clause:
     frames = _frames(3)
     data = b"\xa4" + encode(frames[0]) + b"\xa4\xa4" + encode(frames[1]) + b"\xa4\x57\xa4\x57\x01" + encode(frames[2])
     text = "a sync byte before a frame costs no frame"
-    return _clause("sync", "Finding frames: the rules of a decoder", text, frames, data)
+    return _clause("sync", _RULES, text, frames, data)
 
 
 def _inside() -> Clause:
     frames = [_one(164, Channel(164, 1, 0x57A4, 1)), _one(1, Channel(0xA4, 1, 0x0157, 9)), *_frames(1)]
-    return _clause("inside", "Finding frames: the rules of a decoder", "A4 57 may be inside a frame", frames)
+    return _clause("inside", _RULES, "A4 57 may be inside a frame", frames)
 
 
 def _resync() -> Clause:
     frames = _frames(6)
     data = _FALSE_HEAD + b"".join(map(encode, frames)) + bytes(8)
     text = "a refused candidate costs one byte, not the frames in it"
-    return _clause("resync", "Finding frames: the rules of a decoder", text, frames, data)
+    return _clause("resync", _RULES, text, frames, data)
 
 
 def _false_head() -> Clause:
     frames = _frames(2)
     text = "a frame behind a false head comes 100 ms later, on a silent line too"
     first = Step(_FALSE_HEAD + encode(frames[0]), 0.0, 1)
-    return _clause("false-head", "Finding frames: the rules of a decoder", text, frames, first, encode(frames[1]))
+    return _clause("false-head", _RULES, text, frames, first, encode(frames[1]))
 
 
 def _pause() -> Clause:
@@ -189,7 +182,7 @@ def _pause() -> Clause:
         Step(b"", 0.4),
         Step(encode(half)[cut:] + encode(after), 0.0),
     )
-    return _clause("pause", "Finding frames: the rules of a decoder", text, [before, after], *steps)
+    return _clause("pause", _RULES, text, [before, after], *steps)
 
 
 def _checksum() -> Clause:
@@ -339,7 +332,7 @@ def _end() -> Clause:
     half = encode(_one(1, Channel(2, 1, 400, 4)))[:-1]
     return _clause(
         "end",
-        "Finding frames: the rules of a decoder",
+        _RULES,
         "half a frame at the end is none",
         [frame],
         encode(frame) + half,
@@ -347,12 +340,12 @@ def _end() -> Clause:
 
 
 def _empty() -> Clause:
-    return _clause("empty", "Finding frames: the rules of a decoder", "without bytes there is no line", [], b"")
+    return _clause("empty", _RULES, "without bytes there is no line", [], b"")
 
 
 def _unplugged() -> Clause:
     frames = _frames(3)
-    last = Step(encode(frames[-1])[:7], unplug=True)
+    last = Step(encode(frames[-1])[:7])
     steps = (*(Step(encode(frame)) for frame in frames[:2]), last)
     return _clause("unplugged", "Timing", "the program ends when its port is unplugged", frames[:2], *steps, pty=True)
 

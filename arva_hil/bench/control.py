@@ -8,7 +8,7 @@ import os
 import re
 import selectors
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -66,10 +66,17 @@ REQUESTS: Final[Mapping[str, Mapping[str, Key]]] = {
 
 def answer(bench: Bench, line: bytes) -> dict[str, Any]:
     """Do one request. Returns its answer; a wrong request changes nothing."""
+    return _answered(bench, line)[0]
+
+
+def _answered(bench: Bench, line: bytes) -> tuple[dict[str, Any], str]:
+    """Do one request. Returns its answer, and its name; "" if it is wrong."""
+    name = ""
     try:
-        return {"ok": True, **_do(bench, *_parsed(line))}
+        name, keys = _parsed(line)
+        return {"ok": True, **_do(bench, name, keys)}, name
     except (ArvaError, ValueError) as error:
-        return {"ok": False, "error": str(error)}
+        return {"ok": False, "error": str(error)}, name
 
 
 def _parsed(line: bytes) -> tuple[str, dict[str, Any]]:
@@ -109,12 +116,8 @@ def _do(bench: Bench, name: str, keys: Mapping[str, Any]) -> dict[str, Any]:
         since = keys.get("since", 0)
         frames = bench.frames[since : since + MOST_FRAMES]
         return {"frames": [_frame(one) for one in frames], "next": since + len(frames)}
-    calls: dict[str, Callable[..., None]] = {
-        "place": bench.place_vehicle,
-        "inject": bench.inject,
-        "stop": lambda: None,
-    }
-    calls.get(name, getattr(bench, name, None))(**keys)  # type: ignore[misc]
+    if name != "stop":
+        getattr(bench, "place_vehicle" if name == "place" else name)(**keys)
     return {}
 
 
@@ -214,9 +217,10 @@ class ControlServer:
         *lines, self._bytes = (self._bytes + chunk).split(b"\n")
         for line in lines:
             too_long, self._too_long = self._too_long or len(line) > LONGEST_LINE, False
-            if not self._say(_TOO_LONG if too_long else answer(self._bench, line)):
+            said, name = (_TOO_LONG, "") if too_long else _answered(self._bench, line)
+            if not self._say(said):
                 return
-            if not too_long and _is_stop(line):
+            if name == "stop":
                 self.stopped = True
                 return
         if len(self._bytes) > LONGEST_LINE:
@@ -240,13 +244,6 @@ class ControlServer:
 
 
 _TOO_LONG: Final = {"ok": False, "error": f"the line is longer than {LONGEST_LINE} bytes"}
-
-
-def _is_stop(line: bytes) -> bool:
-    try:
-        return _parsed(line)[0] == "stop"
-    except BenchError:
-        return False
 
 
 def _line(said: Mapping[str, Any]) -> bytes:

@@ -213,7 +213,7 @@ def _parsed(text: bytes) -> Line:
     """Read a line. Raises ValueError that says what is wrong."""
     try:
         said = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise ValueError(f"no JSON: {_shown(text)}") from None
     if not isinstance(said, Mapping):
         raise ValueError(f"no JSON object: {_shown(text)}")

@@ -17,10 +17,10 @@ from arva_hil.links import Link, LinkError, memory, open_link
 if TYPE_CHECKING:
     from serial import SerialBase
 
-KINDS: Final = ("pty", "tcp", "udp", "memory")
 _SETTLE_S: Final = 0.02  # real time in which the system moves bytes through a pseudo-terminal
 _LOOK_S: Final = 0.0002
 _HOLDS: Final = 4095  # bytes; a pseudo-terminal's, for a program that does not read
+_FOREVER_S: Final = 3600.0
 
 
 class BenchError(ArvaError, ValueError):
@@ -196,9 +196,6 @@ class MemorySerial(io.RawIOBase):
     def reset_input_buffer(self) -> None:
         """Throw away what was not read."""
         del self._bytes[: self.in_waiting]
-
-
-_FOREVER_S: Final = 3600.0
 
 
 def _free_udp_port() -> int:

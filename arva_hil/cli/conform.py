@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from arva_hil.cli.options import CommandParser, number
+from arva_hil.safe_text import one_line
 
 if TYPE_CHECKING:
     from arva_hil.bench.judge import Verdict
@@ -77,8 +78,7 @@ def _write_junit(path: str, verdicts: Sequence[Verdict]) -> None:
     for clause, why in verdicts:
         case = ElementTree.SubElement(suite, "testcase", classname=f"PROTOCOL.md.{clause.section}", name=clause.name)
         if why:
-            printable = "".join(letter if letter.isprintable() else "?" for letter in why)
-            ElementTree.SubElement(case, "failure", message=printable)
+            ElementTree.SubElement(case, "failure", message=one_line(why))
     try:
         ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
     except OSError as error:

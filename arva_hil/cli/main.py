@@ -165,12 +165,9 @@ def _command(arguments: list[str]) -> Callable[[], int] | None:
     if arguments and not arguments[0].startswith("-"):
         name = arguments.pop(0)
         if name not in COMMANDS and name not in registry.COMMANDS:
-            near = nearest(name, [*COMMANDS, *registry.COMMANDS.names()])
-            hint = (
-                f"did you mean {near}?"
-                if near
-                else f"the commands are {', '.join([*COMMANDS, *registry.COMMANDS.names()])}"
-            )
+            every = [*COMMANDS, *registry.COMMANDS.names()]
+            near = nearest(name, every)
+            hint = f"did you mean {near}?" if near else f"the commands are {', '.join(every)}"
             if name.startswith(("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")):
                 hint = f"did you mean --{name.lstrip(name[0])}, with two hyphens?"
             elif name.endswith(".tlog"):
@@ -178,7 +175,7 @@ def _command(arguments: list[str]) -> Callable[[], int] | None:
             elif name == "pty" or name.startswith(("/dev/", "pty:", "tcp", "udp")):
                 hint = f"did you mean --port {name}?"
             raise UsageError(f"no command {name!r}; {hint}")
-    add_options = arguments_of(name)
+    add_options = arguments_of(name) if name in COMMANDS else registry.COMMANDS[name].options
     parser = CommandParser(prog=f"arva-hil {name}", description=inspect.getdoc(add_options))
     add_options(parser)
     parser.commands_with = commands_with

@@ -84,7 +84,7 @@ def _all_members(options: argparse.Namespace) -> list[Member]:
     if options.record:  # before any of them begins: the folder can be used again then
         refuse_team(Path(options.record), [member.name for member in members])
     bus = Bus(field)
-    return [replace(member, mate=bus.join(), team=len(members)) for member in members]
+    return [replace(member, mate=bus.join()) for member in members]
 
 
 def _team(
@@ -99,7 +99,7 @@ def _team(
     if not isinstance(scenario.datum, Lla):
         raise UsageError(f"{source}: datum: home: several searches need one in common: datum: {{lat, lon, alt}}")
     systems = tuple(vehicle.system or 0 for vehicle in vehicles)
-    if again := next((s for s in systems if not s or systems.count(s) > 1), None) if len(systems) > 1 else None:
+    if again := next((s for s in systems if not s or systems.count(s) > 1), None):
         raise UsageError(f"{source}: system {again} twice: each vehicle that searches needs its own")
     if 0 in systems:
         raise UsageError(f"{source}: {vehicles[systems.index(0)].name}: its system is missing")

@@ -83,6 +83,7 @@ def test_a_mistake_is_found_by_the_clause_that_names_it(name: str) -> None:
         ("cat >/dev/null; echo hello", "line 1: no JSON: 'hello'"),
         ("cat >/dev/null; echo '{}'", "line 1: no key 'seq'"),
         ("cat >/dev/null; echo '[1]'", "line 1: no JSON object"),
+        ("cat >/dev/null; head -c 50000 /dev/zero | tr '\\0' '['; echo", "line 1: no JSON: '[[["),
     ],
 )
 def test_a_decoder_that_misbehaves_fails_the_clause_and_the_rest_goes_on(script: str, why: str) -> None:

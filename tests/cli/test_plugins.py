@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from arva_hil import registry
+from arva_hil.cli.main import main
 from arva_hil.config import Fault, load, parse, to_dict
 from arva_hil.registry import COMMANDS, EXPORTS, FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
 from firmware_proto import Channel, Decoder, Frame, encode
@@ -401,3 +402,22 @@ def test_an_observer_that_raises_stops_nothing(install: Callable[..., None], arv
 
 def test_the_registry_lists_every_kind_of_the_map() -> None:
     assert {of.group for of in vars(registry).values() if isinstance(of, Registry)} == {of.group for of in REGISTRIES}
+
+
+COMMAND = """
+def options(parser):
+    \"\"\"Say hello.\"\"\"
+
+def main(options):
+    print("hello")
+    return 0
+"""
+
+
+@pytest.mark.parametrize("name", ["speed", "math", "my.tool"])
+def test_a_command_of_another_package_may_have_any_name(
+    name: str, install: Callable[[str, str, str, str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    install("mine", "arva_hil.commands", f"{name} = mine", COMMAND)
+    assert main([name]) == 0
+    assert capsys.readouterr().out == "hello\n"
