@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil import config
-from arva_hil.emulator.ground import LatLon, ScenarioGround
+from arva_hil.autopilot.following.terrain_requests import LatLon
+from arva_hil.emulator.ground import ScenarioGround
 from arva_hil.model.field import (
     Following,
     LocalFrame,

@@ -13,6 +13,7 @@ from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.ports import Parcel, Port
 from arva_hil.emulator.receivers import EmulatedReceiver
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.snapshot import Snapshot
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.events import Event, FrameMade, HeartbeatMissing, ReceiverStatus, VehicleStatus
 from arva_hil.mavlink.packet import Packet
@@ -61,8 +62,7 @@ class EmulatedVehicle:
     def receive(self, packets: Sequence[Packet], now: float, sender: Hashable) -> Sequence[Event]:
         """Use the packets of one chunk on its link."""
         received = self.session.receive(packets, now, sender)
-        if self.session.next_due < self.next_due:
-            self.next_due = min(self.next_due, max(self.session.next_due, now))
+        self.next_due = min(self.next_due, max(self.session.next_due, now))
         return self.world.update(received, now)
 
     def receive_commands(self, link: str, data: bytes, now: float) -> None:
@@ -79,10 +79,13 @@ class EmulatedVehicle:
         """
         parcels: list[tuple[Port, Parcel]] = []
         events: list[Event] = []
+        seen: Snapshot | None = None
         for receiver, port in self.units:
             sent: list[Parcel] = []
             while (t := receiver.next_due) <= now and (final or now - t >= look_ahead_s or self.world.is_known(t)):
-                for event in receiver.advance(self.world.at(t), t if look_ahead_s else now):
+                if seen is None or seen.t != t:  # several receivers look at once
+                    seen = self.world.at(t)
+                for event in receiver.advance(seen, t if look_ahead_s else now):
                     if isinstance(event, FrameMade):
                         events += self.world.datum.check_distance(event)
                         bytes_, more = port.send(event, t)

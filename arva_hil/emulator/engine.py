@@ -147,7 +147,7 @@ class Emulator:
         scenarios = [receiver.scenario for setup in vehicles for receiver in setup.receivers]
         followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
         self._followed = {system: FollowedSystem(system, start) for system in followed}
-        between = 1 / len(vehicles) if spread and vehicles else 0.0
+        between = 1 / len(vehicles) if spread else 0.0
         self.vehicles = [
             EmulatedVehicle(
                 setup,

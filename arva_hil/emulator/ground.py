@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from numpy.typing import ArrayLike
 
+from arva_hil.autopilot.following.terrain_requests import LatLon
 from arva_hil.config import Scenario, Transmitter
 from arva_hil.model.field import LocalFrame
-
-LatLon = tuple[float, float]  # degrees, to 1e-7 as in MAVLink
 
 
 class ScenarioGround:

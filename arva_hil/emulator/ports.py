@@ -13,6 +13,7 @@ from firmware_proto import Frame
 
 if TYPE_CHECKING:
     from arva_hil.emulator.faults.plan import Faults  # slow to import, and most runs have none
+    from arva_hil.emulator.faults.sending import Outbox
 
 
 _LATE_S: Final = 0.05  # a frame that is made later than this is late
@@ -138,25 +139,23 @@ class Port:
 
         Commands are executed after all that is due; they are answered if no frame is due soon.
         """
-        parcels = self._delayed(min(now, next_frame)) if self.faults else []
+        parcels = self._delayed(self.faults.outbox, min(now, next_frame)) if self.faults else []
         if not self.commands or not self.commands.heard:
             return parcels, ()
         events = self.commands.advance(now)
         answers = self.commands.answers(now, min(next_frame, self.next_due))
         return parcels + [Parcel(data, now, answer=answer) for data, answer in answers], events
 
-    def _delayed(self, until: float) -> list[Parcel]:
+    def _delayed(self, outbox: Outbox, until: float) -> list[Parcel]:
         """Return the bytes that faults have delayed until then."""
         parcels: list[Parcel] = []
-        if self.faults:
-            outbox = self.faults.outbox
-            while (due := outbox.next_due) <= until and (queued := outbox.take(until)):
-                self.counters.waiting = len(outbox)
-                data = self._encode(queued.frame, queued.boot_ms) if queued.data is None else queued.data
-                if data:
-                    parcels.append(Parcel(data, due, queued.whole))
-                else:
-                    self.counters.dropped += 1
+        while (due := outbox.next_due) <= until and (queued := outbox.take(until)):
+            data = self._encode(queued.frame, queued.boot_ms) if queued.data is None else queued.data
+            if data:
+                parcels.append(Parcel(data, due, queued.whole))
+            else:
+                self.counters.dropped += 1
+        self.counters.waiting = len(outbox)
         return parcels
 
     def written(self, parcel: Parcel, accepted: bool, now: float, *, quiet: bool) -> list[Event]:
@@ -192,13 +191,12 @@ class Port:
     ) -> tuple[list[Parcel], FrameMade | None]:
         """Return the bytes to write now; the frame, if none of them are for it."""
         faults.begin(made.number, made.instant_s)
-        before = self._delayed(t)
+        before = self._delayed(faults.outbox, t)
         frame, copies = faults.send(made.frame, t, boot_ms, self._encode)
         counters = self.counters
         counters.withheld += not copies
         counters.duplicated += max(0, copies - 1)
-        counters.waiting = len(faults.outbox)
-        parcels = self._delayed(t)
+        parcels = self._delayed(faults.outbox, t)
         made = replace(made, frame=frame, sent=copies > 0, faults=faults.met)
         if parcels:
             parcels[-1] = parcels[-1]._replace(made=made)

@@ -47,7 +47,7 @@ class Live:
         self._autopilots = autopilots
         self._ports = ports
         lost, back = emulator.link_lost, emulator.link_back
-        self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self.sinks.items()]
+        self._monitors = {n: LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self.sinks.items()}
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
         self._next_look = -math.inf
@@ -139,8 +139,8 @@ class Live:
             accepted = output.link not in self._gone and link.write(output.data)
         except LinkError as error:
             last = error if self._is_last(output.link, error, now) else None
-        if link.away:
-            self._check_links(now)
+        if link.away:  # the engine is told before the output counts as refused
+            self._audience.tell(self._monitors[output.link].look(now))
         self.emulator.written(output.id, accepted, now)
         return last
 
@@ -167,7 +167,7 @@ class Live:
                 if data:
                     self.emulator.receive(name, data, now)
         self._ready.renew()
-        for monitor in self._monitors:
+        for monitor in self._monitors.values():
             self._audience.tell(monitor.look(now))
 
 

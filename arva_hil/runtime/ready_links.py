@@ -21,8 +21,8 @@ class ReadyLinks:
         self._links = links
         self._epoll = select.epoll() if hasattr(select, "epoll") else None
         self._names: dict[int, str] = {}  # by descriptor
-        self._polled = list(links)  # those that are read every time
-        self.waitables: Sequence[Waitable] = list(links.values())
+        self._polled: list[str] = []  # those that are read every time
+        self.waitables: Sequence[Waitable] = ()
         self.renew()
 
     def names(self) -> list[str]:
@@ -37,6 +37,7 @@ class ReadyLinks:
     def renew(self) -> None:
         """Watch the present descriptors of the links: a link that comes back has a new one."""
         if self._epoll is None:
+            self._polled, self.waitables = list(self._links), list(self._links.values())
             return
         names, polled = dict[int, str](), []
         for name, link in self._links.items():
@@ -55,9 +56,6 @@ class ReadyLinks:
         """A link is lost and will not come back."""
         self._links = {other: link for other, link in self._links.items() if other != name}
         self.renew()
-        if self._epoll is None:
-            self._polled = list(self._links)
-            self.waitables = list(self._links.values())
 
     def fileno(self) -> int | None:
         """A descriptor that is readable while one of the watched links is."""

@@ -99,11 +99,11 @@ class SimulatedVehicle:
             if self._signing and self._signing.judge(packet):
                 continue
             self._heard = True
-            message = parser.decode(packet)
-            handler = _HANDLERS.get(packet.msgid)
+            if (handler := _HANDLERS.get(packet.msgid)) is None or (message := parser.decode(packet)) is None:
+                continue
             system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
             ours = system in (0, self.system) and component in (0, _COMPONENT)
-            if message is not None and handler is not None and ours:
+            if ours:
                 handler(self, message, packet)
                 self._tell_events()
 

@@ -32,11 +32,6 @@ class TerrainRequests:
         self._open: list[LatLon] = []
         self._next_s = -math.inf
 
-    @property
-    def open(self) -> bool:
-        """True if an answer is missing."""
-        return bool(self._open)
-
     def request(self, places: Sequence[LatLon]) -> None:
         """Request these places from now on."""
         self.heights = {}

@@ -13,13 +13,12 @@ from arva_hil.model.field.medium import AIR
 from arva_hil.model.field.pulse_timeline import PulseTimeline, SentPulse
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.noise import noise_bound
-from arva_hil.model.receiver.paper import FEW
+from arva_hil.model.receiver.paper import FEW, FLOOR_RANGE_M
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from arva_hil.model.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.model.receiver.separation import Signals, Vector
 
 _IDLE_S: Final = 1.0  # the longest time between two looks
-_FLOOR_RANGE_M: Final = 80.0  # the specified noise is the reference transmitter's field at this distance
 _BATCH: Final = 256
 _SOUND: Final = Impairment()
 
@@ -53,7 +52,7 @@ class Listening:
         self._options = options
         self._scale_na_m = options.scale_na_m
         self._sigma_na_m = 0.0 if off else options.sigma_na_m(settings.noise.floor_range_m)
-        self._limit_na_m = noise_bound((1.0,), _FLOOR_RANGE_M) * self._scale_na_m
+        self._limit_na_m = noise_bound((1.0,), FLOOR_RANGE_M) * self._scale_na_m
         self._draws = NoiseDraws(seed)
         self._given: tuple[Keying, ...] | None = None
         self._timeline = PulseTimeline((), 0.0)

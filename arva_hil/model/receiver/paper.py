@@ -24,7 +24,7 @@ MID_M: Final = 50.0
 FEW: Final = 24  # transmitters: arrays are faster for more
 _SMALLEST: Final = 1e-200  # of a field: d stays finite without a field
 _DEGREES: Final = 180 / math.pi
-_FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
+FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
 _REFERENCE_NA_M: Final = 2e6 * math.pi  # of a field of 1, if the reference transmitter has 1 µA/m on its axis at 10 m
 _Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone; sorted like slots
 
@@ -35,7 +35,7 @@ class Antennas:
 
     sensitivity: tuple[float, float, float] = (1.0, 0.8, 0.6)  # diagonal of Q; the paper gives none
     kappa_eq: float = 1.542  # mean of √(1 + 3cos²θ) over a circle
-    floor_range_m: float = _FLOOR_RANGE_M  # the noise is at most the reference transmitter's field from there
+    floor_range_m: float = FLOOR_RANGE_M  # the noise is at most the reference transmitter's field from there
     noise: NoiseKind = "uniform"
 
     def __post_init__(self) -> None:
@@ -115,7 +115,7 @@ def output(
 
 def distance(h: Array, kappa_eq: float) -> Array:
     """Return d [m] of a field's magnitude (...) (eq. 6, 8). If h is 0, it is a finite distance beyond every zone."""
-    return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
+    return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, _SMALLEST))
 
 
 def rounded(x: Array) -> Array:
@@ -146,7 +146,7 @@ class PaperReceiver:
         self._sensitivity = antennas.sensitivity
         self._q = np.array(antennas.sensitivity)
         bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
-        self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
+        self._limit = noise_bound(antennas.sensitivity, FLOOR_RANGE_M)
         self._may_interfere = bound > self._limit
         self._nothing = (None, Zone.OUTER, *no_signal)  # of an empty slot
         self._channels = channels

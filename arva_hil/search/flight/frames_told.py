@@ -14,6 +14,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import FrameHeard, TakeOffPoint
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.model.field.rotation import Mount
+from arva_hil.search.mission.outcome import lla
 from arva_hil.search.strategies.strategy import Position
 from firmware_proto import Frame
 
@@ -43,8 +44,7 @@ class FramesTold:
 
 def take_off_point(now: float, origin: LocalFrame) -> TakeOffPoint:
     """The event of a take-off point that is known from now on."""
-    lat, lon, alt = (float(value) for value in origin.lla([0.0, 0.0, 0.0]))
-    return TakeOffPoint(now, lat, lon, alt)
+    return TakeOffPoint(now, *lla(origin, 0.0, 0.0, 0.0))
 
 
 def as_position(place: NDArray[np.float64]) -> Position:

@@ -124,7 +124,7 @@ class Victims:
         self._together |= {frozenset((a, b)) for a in ids for b in ids if a < b}
         self._more = bool(frame.status & MORE_TRANSMITTERS)
         for channel in frame.channels:
-            number = self._known.get(-1 if channel.id is None else channel.id)
+            number = self._known.get(NO_ID if channel.id is None else channel.id)
             if number is None or not channel.valid or channel.marked:
                 continue
             if self.places[number].marked:
