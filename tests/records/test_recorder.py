@@ -20,6 +20,7 @@ from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.model.receiver import ChannelReading, Reading, Zone
 from arva_hil.records.writing import Recorder, RecordError, RecordLayout
 from arva_hil.records.writing import growing_files as module
+from arva_hil.records.writing.search_log import SearchLog
 from arva_hil.runtime import worker_thread
 from arva_hil.runtime.worker_thread import WorkerThread
 
@@ -191,15 +192,18 @@ def test_where_run_json_cannot_be_written_there_is_no_record_and_the_folder_can_
 
 
 @pytest.mark.parametrize("leads", ["to a file", "nowhere"])
-@pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_written_through_a_symlink(tmp_path: Path, name: str, leads: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [*(("record", name) for name in NAMES), ("search", "search.csv"), ("search", "search.json")],
+)
+def test_nothing_is_written_through_a_symlink(tmp_path: Path, kind: str, name: str, leads: str) -> None:
     folder, target = tmp_path / "record", tmp_path / "of somebody"
     folder.mkdir()
     if leads == "to a file":
         target.write_text("mine")
     (folder / name).symlink_to(target)
-    with pytest.raises(RecordError, match=rf"holds a record already \({name}\); name another folder"):
-        Recorder(folder, 0)
+    with pytest.raises(RecordError, match=rf"holds a {kind} already \({name}\); name another folder"):
+        Recorder(folder, 0) if kind == "record" else SearchLog(folder)
     assert os.listdir(folder) == [name]
     assert target.read_text() == "mine" if leads == "to a file" else not target.exists()
 

@@ -58,19 +58,6 @@ def test_another_search_is_never_overwritten(tmp_path: Path, name: str) -> None:
     assert (tmp_path / name).read_text() == "of yesterday"
 
 
-@pytest.mark.parametrize("leads", ["to a file", "nowhere"])
-@pytest.mark.parametrize("name", ["search.csv", "search.json"])
-def test_nothing_is_written_through_a_symlink(tmp_path: Path, name: str, leads: str) -> None:
-    folder, target = tmp_path / "record", tmp_path / "of somebody"
-    folder.mkdir()
-    if leads == "to a file":
-        target.write_text("mine")
-    (folder / name).symlink_to(target)
-    with pytest.raises(RecordError, match=rf"holds a search already \({name}\)"):
-        SearchLog(folder)
-    assert target.read_text() == "mine" if leads == "to a file" else not target.exists()
-
-
 def test_a_picture_is_not_drawn_through_a_symlink(tmp_path: Path) -> None:
     (tmp_path / "of somebody").write_text("mine")
     (tmp_path / "search.png").symlink_to(tmp_path / "of somebody")
