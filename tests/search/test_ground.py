@@ -503,3 +503,40 @@ def test_a_vehicle_at_rest_that_is_ordered_to_sink_stands(
         state = VehicleState(0, np.array([0, 0, n * 0.2 * sinks - 3]), np.array([0, 0, sinks]), (1, 0, 0, 0), 0.0)
         height = vehicle.ground.height(n * 0.2, state, ordered)
     assert height.landed == landed
+
+
+# -- a link that is silent -----------------------------------------------------------------------------------
+
+
+def climb(t: float) -> tuple[float, float]:
+    """Height [m] and climb [m/s]: from 1 m at 2 m/s to 5 m, and down again to 3 m."""
+    if t < 2:
+        return 1 + 2 * t, 2.0
+    if t < 4:
+        return 5.0, 0.0
+    return (5 - 2 * (t - 4), -2.0) if t < 5 else (3.0, 0.0)
+
+
+@pytest.mark.parametrize("silent_from", [1.1, 1.5, 1.9, 3.6, 4.2, 4.6])
+@pytest.mark.parametrize("silent_s", [0.6, 0.8, 0.95])
+def test_a_silence_in_a_climb_or_descent_is_no_error_of_a_sensor(
+    vehicle: Vehicle, silent_from: float, silent_s: float
+) -> None:
+    """Until packets arrive again, the pose follows the last velocity, which the vehicle no longer has."""
+    vehicle.says(0.0, pressure(0.0))
+    vehicle.arm()
+    known = 0.0
+    for n in range(1, 200):
+        t = n * 0.05
+        if not silent_from < t < silent_from + silent_s:
+            above, up = climb(t)
+            vehicle.says(t, distance(round(100 * above)), pressure(above))
+            known = t
+        if n % 4 == 0:
+            above, up = climb(known)
+            place = np.array([0.0, 0.0, -above - up * (t - known)])
+            pose = VehicleState(t, place, np.array([0.0, 0.0, -up]), (1.0, 0.0, 0.0, 0.0), t - known)
+            height = vehicle.ground.height(t, pose)
+    assert disagreements(vehicle) == []
+    assert height.metres == pytest.approx(3.0, abs=0.1)
+    assert not height.still

@@ -34,6 +34,8 @@ _LEVEL: Final = math.cos(math.radians(30))  # with a larger tilt the beam meets 
 
 _SHARE: Final = 0.3  # of the height wanted: the error of a measured height that is tolerated,
 _TOLERANCE_M: Final = (0.3, 0.9)  # at least, at most
+_SILENT_S: Final = 0.3  # an older pose or distance follows a velocity that may have ended,
+_ASTRAY_M: Final = 2.0  # and is wrong by this at most
 _JUMP_M: Final = 0.5  # of the estimated position, without the vertical speed for it
 _NOTED_S: Final = 3.0  # after such a jump
 _SMOOTH_S: Final = 2.0  # time constant of the barometer
@@ -99,6 +101,8 @@ class Ground:
         self._motion: Odometry | None = None
         self._start = Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
         self._climbs = 0.0  # m/s
+        self._silent = False  # the last pose was old
+        self._checked: tuple[float, float] | None = None  # the last checked height, and the climb until then [m]
         self._reported = 0.0  # offset of the estimated altitude to the climb
         self._jump = (-math.inf, 0.0, 0.0)  # of the estimated altitude: noted until when, value and expected value
         self._stalled = 0.0  # descent that was ordered at rest [m]
@@ -146,9 +150,12 @@ class Ground:
             last = Odometry(now, -down, 0.0, speed, (0.0, 0.0))
             self._start, self._climbs = last, -sinks
         dt = max(0.0, now - last.time_s)
-        climbed = last.climbed + dt * (self._climbs - sinks) / 2
+        climbed, by_position = last.climbed + dt * (self._climbs - sinks) / 2, -down - self._reported
+        silent, self._silent = self._silent, state.age_s > _SILENT_S
         if dt > FRESH_S:  # a pause: the velocity meanwhile is not known
-            dt, climbed = 0.0, -down - self._reported
+            dt, climbed = 0.0, by_position
+        elif (silent or self._silent) and abs(by_position - climbed) <= _ASTRAY_M:
+            climbed = by_position
         self._climbs = -sinks
         self._motion = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
         rests = ordered > 2 * _AT_REST_M_S and abs(sinks) < _AT_REST_M_S
@@ -178,9 +185,14 @@ class Ground:
             self._range.begin(self._start, motion.climbed - max(altitudes[name] for name in sure))
         level, distance = upright(*state.attitude), self._sensors.distance(motion.time_s)
         if distance is None or level < _LEVEL:
+            self._checked = None
             return None
+        if self._checked and (self._silent or motion.time_s - distance.time_s > _SILENT_S):
+            before, climbed = self._checked
+            return before + min(0.0, motion.climbed - climbed)
         confirmed = max(altitudes[name] - self._levels[name].highest for name in sure) + self._tolerance
-        metres = self._range.height(motion, distance[0] * level, distance[1], confirmed)
+        metres = self._range.height(motion, distance.metres * level, distance.sample, confirmed)
+        self._checked = None if metres is None else (metres, motion.climbed)
         if metres is not None:
             for name, metres_up in altitudes.items():
                 self._levels[name].highest = max(self._levels[name].highest, metres_up - metres)

@@ -28,6 +28,7 @@ EXTRAS: Final[Mapping[int, float]] = {  # messages to request, Hz
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
 }
 FRESH_S: Final = 1.0  # a sample that is older is not used
+_GAP_S: Final = 0.5  # between two samples: the median begins anew
 _SURVEY_FRESH_S: Final = 3.0  # of the terrain database
 _GPS_FRESH_S: Final = 3.0
 _HAS_ONE_S: Final = 10.0  # after a pressure, the vehicle has a barometer for this long
@@ -56,6 +57,16 @@ class Survey(NamedTuple):
     """Height of the vehicle above the ground [m]."""
 
 
+class Distance(NamedTuple):
+    """A rangefinder's distance."""
+
+    time_s: float
+    metres: float
+    """Median of the last samples [m]."""
+    sample: float
+    """The last sample [m]."""
+
+
 class HeightSensors:
     """Remembers the last samples. The samples on the ground, disarmed, are the height 0."""
 
@@ -78,10 +89,10 @@ class HeightSensors:
         for msgid, message in received.messages(_HEARD):
             _HEARD[msgid](self, message, now)
 
-    def distance(self, now: float) -> tuple[float, float] | None:
-        """Median of the rangefinder's last samples [m], and the last sample. None without a valid one."""
+    def distance(self, now: float) -> Distance | None:
+        """The rangefinder's distance. None without a valid one."""
         fresh = [metres for at, metres in self._range if now - at < FRESH_S]
-        return (median(fresh), fresh[-1]) if fresh else None
+        return Distance(self._range[-1][0], median(fresh), fresh[-1]) if fresh else None
 
     def pressure_altitude(self, now: float) -> tuple[float, float] | None:
         """Time of the barometer's sample, and altitude above the take-off point [m]. None without a valid one."""
@@ -122,11 +133,16 @@ class HeightSensors:
         self._own_kind = True
         low, high, cm = message.min_distance, message.max_distance, message.current_distance
         if low <= cm < _REACH * high and cm > 0 and message.signal_quality != _NOT_INVALID:
-            self._range.append((now, cm / 100))
+            self._measure(now, cm / 100)
 
     def _on_rangefinder(self, message: Any, now: float) -> None:
         if not self._own_kind and 0 < message.distance < math.inf:
-            self._range.append((now, message.distance))
+            self._measure(now, message.distance)
+
+    def _measure(self, now: float, metres: float) -> None:
+        if self._range and now - self._range[-1][0] > _GAP_S:
+            self._range.clear()
+        self._range.append((now, metres))
 
     def _on_altitude(self, message: Any, now: float) -> None:
         if 0 <= message.bottom_clearance < math.inf:
