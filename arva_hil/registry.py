@@ -132,7 +132,7 @@ class Registry:
             import inspect  # slow to load, and only a class is looked into
 
             if never := [name for name in self.requires if inspect.iscoroutinefunction(getattr(thing, name))]:
-                return f"has async {', '.join(never)}, for which nobody waits (write def, not async def)"
+                return f"has async {', '.join(never)}; write def, not async def"
             try:
                 made = thing(*self.made_with)
                 missing = [name for name in self.attributes if not hasattr(made, name)]

@@ -288,7 +288,7 @@ def _no_signal() -> Clause:
         for k, channel in enumerate(silent)
         for one in (_one(2 * k, heard, heard), _one(2 * k + 1, channel, channel))
     ]
-    return _clause("no-signal", "No signal", "d ≤ 0: nothing is heard, and no earlier value is kept", frames)
+    return _clause("no-signal", "No signal", "d ≤ 0: no signal, and no earlier value is kept", frames)
 
 
 def _delta() -> Clause:

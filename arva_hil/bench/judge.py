@@ -235,7 +235,7 @@ def _difference(line: Line, expected: Line) -> str:
     for name, value, wanted in zip(Line._fields, line, expected, strict=True):
         if name == "d_cm" and wanted == 0:
             if line.d_cm > 0:
-                return f"d_cm is {value}, expected nothing heard: -1, 0 or null"
+                return f"d_cm is {value}, expected no signal: -1, 0 or null"
         elif wanted is not None and value != wanted:
             return f"{name} is {value}, expected {wanted}, in {_text(expected)}"
     return ""

@@ -83,5 +83,5 @@ def _doubt(sample: bytes, format: str) -> str:
     if not sample:
         return "nothing came at all"
     if FORMATS[format].decoder().feed(sample, 0.0):
-        return "frames come, so this receiver takes no commands, or does not hear this program"
+        return "frames come, so this receiver takes no commands, or does not receive any from this program"
     return f"{len(sample)} bytes came, and no frame: {guess_format(sample, format)}"

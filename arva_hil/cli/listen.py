@@ -32,10 +32,10 @@ def guess_format(sample: bytes, expected: str) -> str:
     frames = {name: _frames(sample, name) for name in FORMATS if name != expected}
     best = max(reversed(frames), key=lambda name: frames[name])  # tunnel before the binary frames that are in it
     if frames[best]:
-        return f"it looks like {best}: --format {best}"
+        return f"the bytes are {best}: --format {best}"
     if packets := len(Parser().feed(sample)):
-        return f"it looks like MAVLink ({packets} packets) without frames of a receiver in it"
-    return "it does not look like another format either: is it the right port, and the right baud rate?"
+        return f"the bytes are MAVLink ({packets} packets) without frames of a receiver in it"
+    return "the bytes are of no other known format: is it the right port, and the right baud rate?"
 
 
 def _frames(sample: bytes, name: str) -> int:

@@ -75,13 +75,13 @@ COMMANDS: Final = {
     "command": "send a command to a receiver, e.g. mark 3, print its answer",
     "serve": "serve a receiver and a vehicle for your tests, by JSON lines",
     "conform": "judge your decoder by the clauses of PROTOCOL.md",
-    "view": "show a record on a page in a browser, with a time slider",
+    "view": "open a record as a page in a browser, with a time slider",
     "check": "validate scenario files",
     "vehicle": "run the built-in simulated vehicle alone",
     "scenarios": "list the built-in scenarios",
     "ports": "list the serial ports",
     "doctor": "find what is wrong with the links, and the cure",
-    "config": "show the settings of `run`, and the source of each value",
+    "config": "print the settings of `run`, and the source of each value",
     "completion": "print a script that completes command lines in a shell",
 }
 HELP: Final = """\
@@ -100,7 +100,7 @@ examples:
   arva-hil replay flight.tlog --out frames.bin
   arva-hil demo
 
-`arva-hil COMMAND --help` shows the options of a command. Most options can also
+`arva-hil COMMAND --help` lists the options of a command. Most options can also
 be set in the environment as ARVA_HIL_<OPTION>. A variable of that form that is
 no option of any command causes a warning.
 Exit codes: 0 ok, 1 failed while running, 2 usage or configuration, 3 no link or

@@ -98,7 +98,7 @@ class CommandParser(argparse.ArgumentParser):
     def usual(self, flags: str) -> None:
         """Name the flags that `--help` shows. `--help-all` shows the others too, in groups."""
         self._usual = flags.split()
-        self.add_argument(_ALL, action="help", help="show all options and exit")
+        self.add_argument(_ALL, action="help", help="list all options and exit")
 
     def group(self, title: str) -> None:
         """Put the options that follow into a group of `--help-all`, if they are not usual."""

@@ -106,7 +106,7 @@ def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetu
         raise UsageError(error) from None
     if chosen.vehicles:
         tell(
-            f"looking in {options.log} for all vehicles of {chosen.source}; the ports of their receivers are not opened"
+            f"searching {options.log} for all vehicles of {chosen.source}; the ports of their receivers are not opened"
         )
     return vehicles
 

@@ -32,5 +32,5 @@ def _folders(run: str, other: str | None) -> list[str]:
         return [run]
     inside = sorted(path for path in folder.iterdir() if path.is_dir() and is_record(path))
     if len(inside) > _MOST:
-        tell(f"note: {folder} holds {len(inside)} records: the first {_MOST} are shown")
+        tell(f"note: {folder} holds {len(inside)} records: the report has the first {_MOST}")
     return [str(path) for path in inside[:_MOST]] or [run]

@@ -71,7 +71,7 @@ def check_ground_station(url: str, autopilot: str, receiver: str) -> None:
         if same_port or (address != Address("pty") and place(url) == place(other)):
             raise UsageError(
                 f"--gcs {url}: --{name} is there: the ground station needs a link of its own, because an autopilot may "
-                "evade what is shown on the map"
+                "evade a vehicle that it receives from here"
             )
 
 

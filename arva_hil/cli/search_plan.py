@@ -58,10 +58,10 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
         raise UsageError("--strip-width auto: give the receiver's profile, e.g. --strip-width builtin:two_antennas")
     width = strip_width(scenario, options.height, options.max_speed)
     if width is None:
-        raise UsageError(f"--strip-width {given}: that receiver hears too little for strips")
+        raise UsageError(f"--strip-width {given}: that receiver's range is too short for strips")
     tell(
         f"strips at most {width.metres:.0f} m wide: 1.26 × the range for the weakest transmitter; "
-        f"{width.detection:.1%} of simulated flights along such a strip hear it"
+        f"{width.detection:.1%} of simulated flights along such a strip receive it"
     )
     return width.metres
 

@@ -83,11 +83,11 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
         lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
     for id_, heard in outcome.others:
         if finder := found_by.get(id_):
-            lines.append(f"{name(id_)} was heard, and found by {finder}")
+            lines.append(f"{name(id_)} was received, and found by {finder}")
             continue
         north, east = heard.nearest_at
         there = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
-        lines.append(f"{name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {there}")
+        lines.append(f"{name(id_)} was received, but not found; nearest, {heard.nearest_m:.1f} m away, at {there}")
     return lines
 
 

@@ -27,7 +27,7 @@ def where(found: Found) -> str:
 
 def victims_found(outcome: Outcome) -> list[str]:
     """Return the outcome of a search for several victims and the list of places, the surest first."""
-    asked = "all that are heard" if outcome.wanted is None else str(outcome.wanted)
+    asked = "all that are received" if outcome.wanted is None else str(outcome.wanted)
     count = sum(victim.sure for victim in outcome.victims)
     lines = [f"found {count} of {asked}" if outcome.wanted else f"found {count}; searched for {asked}"]
     if outcome.how != (because(Why.FOUND),):

@@ -63,7 +63,7 @@ def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Ca
 
 def said_of_page(address: HostPort, wanted: HostPort) -> Iterator[str]:
     """Yield the lines about a page: its address, and the machines that can open it."""
-    return _served(f"page: {address.url}", address, wanted, f"see the page; --web {DEFAULT_HOST} shows it")
+    return _served(f"page: {address.url}", address, wanted, f"open the page; --web {DEFAULT_HOST} offers it")
 
 
 def _served(where: str, address: HostPort, wanted: HostPort, who: str) -> Iterator[str]:

@@ -66,7 +66,7 @@ class Random(Table, one_of="within_m area_m"):
     """
 
     within_m: float | None = key(
-        Number(0, 10_000, above=True, unit="m"), "north and east of home, each way", default=None
+        Number(0, 10_000, above=True, unit="m"), "to the north, east, south and west of home", default=None
     )
     depth_m: tuple[float, float] = key(_Depths(_DEPTH, _DEPTH), "from, to", default=(0.0, 2.0))
     area_m: Area | None = key(AreaM(), "instead: south, west, north, east of home", default=None)

@@ -111,12 +111,12 @@ class ReceiverOptions(Table):
     ValueError when it does not fit.
     """
 
-    channels: int = key(Whole(1, 16), "how many transmitters it can show at once, the nearest first", default=4)
+    channels: int = key(Whole(1, 16), "how many transmitters a frame can have, the nearest first", default=4)
     rate_hz: float = key(RATE_HZ, "frames a second", default=1.0)
     jitter_s: float = key(_JITTER, "each frame is up to this late; less than half the period", default=0.0)
     kappa_eq: float = key(_KAPPA_EQ, "what turns field into distance; 1.542 is right on average", default=1.542)
     sensitivity: Triple = key(_SENSITIVITY, "of the antennas along x, y and z", default=(1.0, 0.8, 0.6))
-    noise: Noise = key(help="what it hears besides", default=Noise())
+    noise: Noise = key(help="noise of the antennas", default=Noise())
     mount: MountOptions = key(help="where on the vehicle it sits", default=MountOptions())
     no_signal: tuple[int, int] = key(_ONE_SLOT, "distance and angle when there is nothing", default=(-1, -1))
     model: str = key(Named(RECEIVERS), "what computes a reading; its own keys stand beside it", since=2, default=PAPER)

@@ -174,7 +174,7 @@ class Path(Table, required="frame points"):
 class Follows(Table):
     """Another MAVLink system that carries the transmitter, `offset` from it in its body FRD, metres."""
 
-    system: int = key(SYSTEM_ID, "a vehicle heard on any link")
+    system: int = key(SYSTEM_ID, "a vehicle on any of the links")
     offset: Triple = key(BODY_POINT, "from that vehicle's position, in its body FRD", default=(0.0, 0.0, 0.0))
 
 

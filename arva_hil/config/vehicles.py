@@ -141,6 +141,6 @@ def vehicle_conflicts(scenario: Any) -> Iterator[Violation]:
         for path, vehicle in shared if len(shared) > 1 else ():
             if lacks(vehicle, "system"):
                 yield Violation(
-                    "a mapping with system, which tells vehicles on one link apart", "no system", None, path
+                    "a mapping with system, the key that separates vehicles on one link", "no system", None, path
                 )
         yield from duplicates(shared, "system", "system")

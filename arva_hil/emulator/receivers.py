@@ -179,7 +179,9 @@ class EmulatedReceiver:
         after_s = max(self.seen.time_s, left_out_s)
         self._next_look_s = self._model.next_look(after_s, frame_s)
         if not self._next_look_s > after_s:
-            raise ValueError(f"the receiver's model looks at {self._next_look_s:g} s, not later than {after_s:g} s")
+            raise ValueError(
+                f"the receiver's model takes a sample at {self._next_look_s:g} s, not later than {after_s:g} s"
+            )
         deadline = self.schedule.deadline
         self._next_look = deadline if self._next_look_s == frame_s else self._start + self._next_look_s
         self.next_due = min(self._next_look, deadline)

@@ -291,7 +291,7 @@ class VictimNoted(TransmitterEvent):
 
 
 class VictimAgain(TransmitterEvent):
-    """The search was led back to the victim of this `number`, `apart_m` from the place noted. It is marked again."""
+    """The search was led back to the victim of this `number`, `apart_m` from the place recorded. It is marked again."""
 
     number: int
     apart_m: float
@@ -312,7 +312,7 @@ class ReceiverKnown(SearchEvent):
 
 
 class MarksNotTaken(SearchEvent):
-    """The receiver marks nobody, so that victims are only noted. `answer`: its answer, or "no answer"."""
+    """The receiver marks nobody, so that victims are only recorded. `answer`: its answer, or "no answer"."""
 
     answer: str
 

@@ -135,7 +135,7 @@ class ReconnectingLink(Link):
             raise error
         if not self.away:
             self._pause = _FIRST_PAUSE_S
-        self._gone(LinkError(self.name, f"{error.what}, looking for {self._sought}", error.hint))
+        self._gone(LinkError(self.name, f"{error.what}, searching for {self._sought}", error.hint))
         self._put_off()
 
     def _put_off(self) -> None:

@@ -100,7 +100,7 @@ class PersistentSigning(Signing):
         say, self._say = self._say, None
         why = (error.strerror if isinstance(error, OSError) else None) or str(error)
         where = f"{self._file}: " if self._file else ""
-        say(f"{where}time stamps of signatures are not stored ({why}): packets recorded now may be believed later")
+        say(f"{where}time stamps of signatures are not stored ({why}): recorded packets may be accepted later")
 
 
 def _locks(file: FileIO, *, wait: bool) -> bool:

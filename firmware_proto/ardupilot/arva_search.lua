@@ -642,7 +642,7 @@ local function limit(n, e)
       return "rangefinder lost"
    end
    if now - heard_ms > DEAF_MS then
-      return string.format("nothing heard for %d s", DEAF_MS // 1000)
+      return string.format("no signal for %d s", DEAF_MS // 1000)
    end
    if now - begin_ms > 1000 * ARVS_TIME:get() then
       return string.format("not found in %d s", math.floor(ARVS_TIME:get()))

@@ -628,7 +628,7 @@ def test_somebody_else_arms_it() -> None:
     told.hear()
     told.beat(Mode.STABILIZE, armed=True)
     assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "somebody else has armed it, in STABILIZE"
+    assert in_words(told.commander.why) == "another program or person has armed it, in STABILIZE"
     assert told.hear(10.0) == []
 
 

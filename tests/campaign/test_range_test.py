@@ -108,7 +108,7 @@ def test_the_sheet_says_what_testers_ask_and_its_numbers_are_those_of_the_walks(
     assert coaxial == "coaxial 54.5 m: enough (testers want 30 m or more)"
     assert turned == "turned by 90° 100% of that: enough (testers want 50% or more)"
     assert strip == "search strips of 69 m: 1.26 × (coaxial mean − 2 s.d.)"
-    assert heard.startswith("flights along strips that hear it, however and wherever it lies there: 100.0% at 69 m")
+    assert heard.startswith("flights along strips that receive it, at random places and attitudes: 100.0% at 69 m")
     rows = list(table([sheet]))
     assert rows[0] == ("receiver", "coupling", "motors", "walk", "first_m", "stable_m")
     assert len(rows) == 1 + 3 * 2

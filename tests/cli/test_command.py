@@ -69,8 +69,8 @@ def test_a_refusal_is_printed_and_exit_code_1(arva: Arva, line: PtyLink, result:
     ("came", "said"),
     [
         (b"", "nothing came at all"),
-        (encode(FRAME), "frames come, so this receiver takes no commands, or does not hear this program"),
-        (FORMATS["nmea"].encode(FRAME), "bytes came, and no frame: it looks like nmea: --format nmea"),
+        (encode(FRAME), "frames come, so this receiver takes no commands, or does not receive any from this program"),
+        (FORMATS["nmea"].encode(FRAME), "bytes came, and no frame: the bytes are nmea: --format nmea"),
     ],
 )
 def test_no_answer_is_an_error_that_says_what_came(arva: Arva, line: PtyLink, came: bytes, said: str) -> None:

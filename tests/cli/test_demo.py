@@ -77,7 +77,7 @@ def test_of_two_victims_the_nearer_is_found_and_the_other_reported(arva: Arva, t
     assert code == 0
     assert error_m(err) < 1.0
     assert "found transmitter 7: " in err
-    assert re.search(r"^transmitter 8 was heard and not found; nearest, [\d.]+ m away, at ", err, re.MULTILINE)
+    assert re.search(r"^transmitter 8 was received, but not found; nearest, [\d.]+ m away, at ", err, re.MULTILINE)
     (other,) = json.loads((tmp_path / "record" / "search.json").read_text())["others"]
     assert other["id"] == 8
 
@@ -144,7 +144,7 @@ def test_the_time_is_limited(arva: Arva, tmp_path: Path) -> None:
     code, _, err = arva(*MAX, "--limit", 10, "--record", tmp_path)
     assert code == 1
     assert "\nnot found in 10 s\n" in err
-    assert "\ntransmitter 1 was heard and not found; nearest, " in err
+    assert "\ntransmitter 1 was received, but not found; nearest, " in err
 
 
 def test_it_runs_over_real_terminals(start: Start, tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def both(cure: str) -> bool:
 )
 def test_silence_has_a_cure_for_each_kind_of_link(kind: str, cure: str) -> None:
     finding = diagnosis.silence(kind, 6.0)
-    assert (finding.check, finding.state, finding.found) == ("bytes", "fail", "nothing was heard in 6.0 s")
+    assert (finding.check, finding.state, finding.found) == ("bytes", "fail", "no byte came in 6.0 s")
     assert cure in finding.cure
     assert both(finding.cure)
 
@@ -64,7 +64,7 @@ def test_a_port_that_is_not_mavlink_is_told_from_one_that_another_client_has(
 
 
 def test_a_far_machine_that_refuses_is_named() -> None:
-    assert diagnosis.silence("udpout", 6.0, refused=True).found.endswith("nobody listens there")
+    assert diagnosis.silence("udpout", 6.0, refused=True).found.endswith("no program listens there")
 
 
 @pytest.mark.parametrize(
@@ -315,12 +315,12 @@ def test_frames(traffic: PortTraffic, state: str, found: str) -> None:
         (replace(TRAFFIC, seen=("cat",)), "ok", "cat has the other end"),
         (replace(TRAFFIC, kind="mavlink"), "note", "unknown"),
         (replace(TRAFFIC, kind="udpout"), "note", "unknown"),
-        (replace(TRAFFIC, kind="udpout", refused=True), "fail", "nobody listens there"),
+        (replace(TRAFFIC, kind="udpout", refused=True), "fail", "no program listens there"),
         (replace(TRAFFIC, kind="udpin"), "ok", "a datagram came"),
         (replace(TRAFFIC, kind="tcp"), "ok", "connected"),
         (replace(TRAFFIC, kind="tcpin"), "ok", "connected"),
-        (replace(TRAFFIC, kind="pty"), "ok", "somebody reads it"),
-        (replace(TRAFFIC, kind="pty", unread=99), "note", "nobody has it open"),
+        (replace(TRAFFIC, kind="pty"), "ok", "a program reads it"),
+        (replace(TRAFFIC, kind="pty", unread=99), "note", "no program has it open"),
         (replace(TRAFFIC, kind="pty", seen=("7 (cat)",)), "ok", "7 (cat) reads it"),
         (replace(TRAFFIC, kind="pty", seen=("7 (cat)",), unread=99), "note", "7 (cat) has it open and left 99 bytes"),
     ],

@@ -226,8 +226,8 @@ def test_a_silent_line_has_a_cure_for_both_autopilots(examine: Examine, line: Pt
     ("kind", "check", "found"),
     [
         ("tcp", "link", "connection refused"),
-        ("udpout", "bytes", "nobody listens there"),
-        ("udpin", "bytes", "nothing was heard"),
+        ("udpout", "bytes", "no program listens there"),
+        ("udpin", "bytes", "no byte came"),
     ],
 )
 def test_nobody_is_there(examine: Examine, kind: str, check: str, found: str) -> None:
@@ -513,8 +513,8 @@ def test_a_healthy_vehicle_and_frames_that_nobody_takes(examine: Examine, autopi
     ("kind", "check", "state", "found"),
     [
         ("udpin", "frames", "fail", "0 of"),
-        ("udpout", "reader", "fail", "nobody listens there"),
-        ("pty", "reader", "note", "nobody has it open"),
+        ("udpout", "reader", "fail", "no program listens there"),
+        ("pty", "reader", "note", "no program has it open"),
     ],
 )
 def test_nobody_reads(examine: Examine, kind: str, check: str, state: str, found: str) -> None:

@@ -118,7 +118,7 @@ def test_ctrl_c_once_is_enough_when_stdout_is_not_read(
     record = tmp_path / "record"
     arguments = ("--port", "-", "--autopilot", autopilot.address, "--rate", 20, "--record", record)
     program = start(*arguments, stdout=stuck)
-    program.says("nobody takes the frames")
+    program.says("no program takes the frames")
     program.send(signal.SIGINT)
     assert program.ends() == 130
     counters = json.loads((record / "run.json").read_bytes())["counters"]

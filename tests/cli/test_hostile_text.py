@@ -151,7 +151,7 @@ def test_what_a_vehicle_says(start: Start, keep: Keep, line: PtyLink) -> None:
         start("run", "--autopilot", other.address, "--port", "pty"),
     ]
     line.write(encode(Frame(1, 1, (Channel(4, 1, 2000, 10),))))
-    for program, said in zip(programs, ("the autopilot says: .*owned", "readings are real"), strict=True):
+    for program, said in zip(programs, ("the autopilot reports: .*owned", "readings are real"), strict=True):
         program.says(said)
         program.send(signal.SIGINT)
         assert program.ends() == 130

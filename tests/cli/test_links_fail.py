@@ -83,7 +83,7 @@ def test_a_tcp_server_that_is_not_there_in_time(arva: Arva) -> None:
     assert code == 3
     why = f"tcp:127.0.0.1:{port}: connection refused; is the autopilot running?"
     assert f"\nwaiting for {why}\n" in err
-    assert f"\nerror: no autopilot was heard: {why}\n" in err
+    assert f"\nerror: no autopilot was found: {why}\n" in err
 
 
 def test_an_address_where_somebody_listens_already(arva: Arva, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +103,7 @@ def test_an_address_where_somebody_listens_already(arva: Arva, monkeypatch: pyte
 def test_nothing_is_heard(arva: Arva) -> None:
     code, _, err = arva("--port", "pty", "--autopilot", "pty", "--timeout", 0.2)
     assert code == 3
-    assert "error: nothing was heard at all: is the autopilot powered" in err
+    assert "error: no byte came: is the autopilot powered" in err
 
 
 def test_a_run_shorter_than_the_timeout_that_heard_nothing_is_no_success(arva: Arva) -> None:
@@ -115,7 +115,7 @@ def test_bytes_but_no_packets_hint_at_the_baud_rate(start: Start, line: PtyLink)
     program.says("scenario")
     line.write(bytes(n * 7 % 251 for n in range(1000)))
     assert program.ends() == 3
-    assert "1000 bytes were heard but no MAVLink packet in them: is the baud rate right" in program.err
+    assert "1000 bytes came, but no MAVLink packet: is the baud rate right" in program.err
 
 
 def test_only_a_ground_station_is_heard(start: Start, line: PtyLink) -> None:
@@ -165,7 +165,7 @@ def test_a_vehicle_that_falls_silent_is_reported_and_frames_go_on(start: Start, 
     program = start("--port", line.path, "--autopilot", link.path, "--rate", 50, "--max-age", 0.3)
     read_until_heard(line)
     autopilot.pause()
-    program.says("warning: no pose: frames say no signal until there is one")
+    program.says("warning: no pose: frames have no signal until there is one")
     consumer = Consumer(line)
     consumer.read(0)
     assert not any(frame.channels[0].valid for frame in consumer.read(5))

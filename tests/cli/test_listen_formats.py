@@ -44,14 +44,14 @@ def test_a_file_of_another_format_is_named_and_an_error(arva: Arva, tmp_path: Pa
     code, out, err = arva("listen", tmp_path / "frames", "--format", asked)
     assert (code, out) == (1, "")
     said = err.splitlines()[-1]
-    assert said == f"arva-hil: no {asked} frame in {len(data)} bytes: it looks like {format}: --format {format}"
+    assert said == f"arva-hil: no {asked} frame in {len(data)} bytes: the bytes are {format}: --format {format}"
 
 
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (heartbeat(Encoder(1, 1)) * 3, "it looks like MAVLink (3 packets) without frames of a receiver in it"),
-        (b"\x00\x80\xf8" * 50, "it does not look like another format either"),
+        (heartbeat(Encoder(1, 1)) * 3, "the bytes are MAVLink (3 packets) without frames of a receiver in it"),
+        (b"\x00\x80\xf8" * 50, "the bytes are of no other known format"),
     ],
     ids=["MAVLink without frames", "noise of a wrong baud rate"],
 )
@@ -71,7 +71,7 @@ def test_a_port_of_another_format_is_said_while_it_listens_and_at_the_end(start:
     program = start("listen", line.path, "--duration", 3)
     program.says("listening at")
     line.write(sent_as("nmea"))
-    program.says(r"no frame for 2 s: no binary frame in \d+ bytes: it looks like nmea: --format nmea\n")
+    program.says(r"no frame for 2 s: no binary frame in \d+ bytes: the bytes are nmea: --format nmea\n")
     assert program.ends() == 1
 
 
@@ -80,4 +80,4 @@ def test_stdin_of_another_format_is_an_error(start: Start, tmp_path: Path) -> No
     with (tmp_path / "frames").open("rb") as stdin:
         program = start("listen", "-", "--format", "text", stdin=stdin)
     assert program.ends() == 1
-    assert "it looks like binary: --format binary" in program.err
+    assert "the bytes are binary: --format binary" in program.err

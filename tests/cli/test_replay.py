@@ -153,7 +153,7 @@ def test_a_log_without_an_autopilot_has_no_vehicle(arva: Arva, tmp_path: Path) -
 def test_another_vehicle_than_the_logs_can_be_asked_for(arva: Arva) -> None:
     ended = arva("replay", LOG, "--out", os.devnull, "--target-system", 9)
     assert ended.code == 3
-    assert "packets were heard, but none of the vehicle looked for: packets from 1/1 ×" in ended.err
+    assert "packets came, but none of the wanted vehicle: packets from 1/1 ×" in ended.err
     assert "; is its system id right?" in ended.err
 
 

@@ -232,7 +232,7 @@ def test_a_consumer_that_never_reads_costs_frames_but_not_the_loop(
         *("--duration", 2.5, "--record", tmp_path / "record"),
     )
     assert program.ends() == 0
-    assert program.err.count("nobody takes the frames") == 1
+    assert program.err.count("no program takes the frames") == 1
     counters = json.loads((tmp_path / "record" / "run.json").read_bytes())["counters"]
     assert counters["frames"] + counters["skipped"] >= 126
     assert 0 < counters["dropped"] < counters["frames"]

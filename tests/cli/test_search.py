@@ -100,7 +100,7 @@ def test_no_autopilot(arva: Arva, tmp_path: Path) -> None:
     arguments = ("search", "--autopilot", "pty", "--receiver", "pty", "--timeout", 0.3, "--json")
     code, out, err = arva(*arguments, "--record", tmp_path / "record")
     assert code == 3
-    assert "error: no autopilot: nothing was heard at all: is the autopilot powered" in err
+    assert "error: no autopilot: no byte came: is the autopilot powered" in err
     assert json.loads(out)["outcome"] == "no link"
     assert json.loads((tmp_path / "record" / "search.json").read_text())["exit_code"] == 3
 
@@ -234,7 +234,7 @@ def test_ctrl_c_leaves_it_hovering(start: Start, autopilot: Autopilot, beacon: B
     program.send(signal.SIGINT)
     assert program.ends() == 130
     assert "interrupted; nothing found\n" in program.err
-    assert "transmitter 9 was heard and not found; nearest, 45.0 m away, at " in program.err
+    assert "transmitter 9 was received, but not found; nearest, 45.0 m away, at " in program.err
     said = json.loads(program.out)
     assert (said["outcome"], said["how"], said["found"]) == ("failed", "interrupted", None)
     assert [other["id"] for other in said["others"]] == [4, 9]

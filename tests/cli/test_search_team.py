@@ -188,5 +188,5 @@ def test_what_another_drone_has_found_is_not_said_to_be_lacking() -> None:
     }
     assert found_by(outcomes) == {1: "a", 2: "b"}
     *_, second, third = result(found, found_by(outcomes))
-    assert second == "transmitter 2 was heard, and found by b"
-    assert third.startswith("transmitter 3 was heard and not found; nearest, 31.0 m away, at 4.0 m north")
+    assert second == "transmitter 2 was received, and found by b"
+    assert third.startswith("transmitter 3 was received, but not found; nearest, 31.0 m away, at 4.0 m north")

@@ -123,7 +123,7 @@ def test_colours_are_for_terminals_without_no_color(
         monkeypatch.setenv("NO_COLOR", "1")
     program = start("--port", "pty", "--autopilot", "pty", "--timeout", 0.2, stderr=terminal.slave)
     assert program.ends() == 3
-    text = "error: nothing was heard at all"
+    text = "error: no byte came"
     assert text in terminal.rest()
     assert (f"\x1b[38;5;{BAD}m{text}" in terminal.shown) is not no_color
     assert bool(re.search(r"\x1b\[[0-9;]*m", terminal.shown)) is not no_color

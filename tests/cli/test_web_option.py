@@ -41,7 +41,7 @@ def test_the_environment_asks_for_it_too(arva: Arva, monkeypatch: pytest.MonkeyP
 def test_who_else_can_see_it_is_said(arva: Arva) -> None:
     err = replay(arva, "--web", "0.0.0.0:0").err
     assert re.search(r"^page: http://127\.0\.0\.1:\d+/$", err, re.MULTILINE)
-    assert "warning: everybody in this network can see the page; --web 127.0.0.1 shows it here only" in err
+    assert "warning: everybody in this network can open the page; --web 127.0.0.1 offers it here only" in err
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ CONFIGS = ROOT / "configs"
 NUMBER = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 BETWEEN_KEYS = re.compile(
     r"again \(|half the period|later than|less than every_s|both or neither|with the format|of transmitter \d|"
-    r"tells vehicles|one vehicle has|no port|a port for frames|of spec 2|no receiver profile"
+    r"separates vehicles|one vehicle has|no port|a port for frames|of spec 2|no receiver profile"
 )
 THE_SAME_NUMBER = {  # in JSON, written otherwise
     "channels by an exponent",

@@ -214,7 +214,7 @@ def test_an_old_pose_is_no_pose_said_once_and_it_recovers_by_itself() -> None:
         if abs(s.instant_s - 7.0) > 0.05:  # the limit itself
             assert (s.pose is None) == (s.instant_s > 7.0), s.instant_s
         assert s.frame.channels[0].valid == (s.pose is not None)
-    assert bench.diary.said("no pose: frames say no signal") == 1
+    assert bench.diary.said("no pose: frames have no signal") == 1
     bench.run(14.0)
     assert bench.diary.frames[-1].pose is not None
     assert bench.diary.frames[-1].frame.channels[0].id == 7
@@ -293,7 +293,7 @@ def test_a_port_that_nobody_empties_drops_whole_frames_and_holds_nothing_up() ->
     run([simulator, emulator], clock, until=5.0)
     assert (emulator.counters.frames, emulator.counters.delivered, emulator.counters.dropped) == (51, 3, 48)
     assert [s.sent for s in diary.frames] == [True] * 3 + [False] * 48
-    assert diary.said("nobody takes the frames") == 1
+    assert diary.said("no program takes the frames") == 1
     decoder = Decoder()
     assert len(decoder.feed(consumer.read(), 5.0)) == 3
     run([simulator, emulator], clock, until=5.2)

@@ -32,7 +32,7 @@ def test_several_reasons_are_one_sentence_and_none_is_empty() -> None:
     [
         (0, 3, "not found in 900 s"),
         (2, 3, "2 of 3 found in 900 s"),
-        (2, None, "2 found in 900 s, 1 more heard"),
+        (2, None, "2 found in 900 s, 1 more received"),
     ],
 )
 def test_a_search_whose_time_is_up_says_how_many_it_has_found(found: int, wanted: int | None, words: str) -> None:

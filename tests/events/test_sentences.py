@@ -50,10 +50,10 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         events.FollowedSystemSilent(1.0, 7, True),
         "warning",
-        f"system 7 is not heard any more: {SILENT}",
+        f"system 7 sends nothing any more: {SILENT}",
     ),
-    (events.FollowedSystemSilent(1.0, 7, False), "warning", f"system 7 was never heard: {SILENT}"),
-    (events.FollowedSystemHeard(1.0, 7), "info", "system 7 is heard: transmitters follow it"),
+    (events.FollowedSystemSilent(1.0, 7, False), "warning", f"system 7 never sent anything: {SILENT}"),
+    (events.FollowedSystemHeard(1.0, 7), "info", "system 7 sends its position: transmitters follow it"),
     (events.CommandReceived(*RECEIVER, 7, "mark", (3,)), "info", "command 7 of the host: mark 3"),
     (
         events.CommandAnswered(*RECEIVER, 7, "identify", "done", (4,), "paper 1.0 binary", True),
@@ -63,41 +63,41 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         events.CommandAnswered(*RECEIVER, 8, "mark", "refused", (), "", False),
         "info",
-        "command 8 answered: refused, which nobody took",
+        "command 8 answered: refused, which no program took",
     ),
     (
         events.FramesLate(*RECEIVER, 0.137),
         "warning",
         "its frames are late, by 137 ms now: this machine has too much to do; serve fewer vehicles, or lower rate_hz",
     ),
-    (events.FramesRefused(*RECEIVER), "warning", "nobody takes the frames: they are dropped until somebody reads them"),
+    (events.FramesRefused(*RECEIVER), "warning", "no program takes the frames: they are dropped until one reads them"),
     (events.FramesTaken(*RECEIVER, 7), "info", "frames are taken; 7 were dropped so far"),
     (events.PoseFound(*RECEIVER), "info", "there is a pose: readings are real from here on"),
     (
         events.PoseLost(*RECEIVER, 2.04, NO_ATTITUDE),
         "warning",
-        "no pose: frames say no signal until there is one (the newest is 2.0 s old)",
+        "no pose: frames have no signal until there is one (the newest is 2.0 s old)",
     ),
     (
         events.PoseLost(*RECEIVER, None, NO_ATTITUDE),
         "warning",
-        "no pose: frames say no signal until there is one (no ATTITUDE (not asked for yet))",
+        "no pose: frames have no signal until there is one (no ATTITUDE (not asked for yet))",
     ),
     (
         events.PoseMissing(*RECEIVER, NoPose("no home")),
         "warning",
-        "still no pose, frames say no signal: waiting for HOME_POSITION",
+        "still no pose, frames have no signal: waiting for HOME_POSITION",
     ),
     (
         events.TooFar(*RECEIVER, 2500.0, 2400.0, True),
         "warning",
-        f"the vehicle is 2.5 km from the datum and 2.4 km from the nearest transmitter, too far to hear it: {CURE}",
+        f"the vehicle is 2.5 km from the datum and 2.4 km from the nearest transmitter, too far to receive it: {CURE}",
     ),
     (
         events.GroundMissing(*VEHICLE, [3], "autopilot"),
         "warning",
-        "the ground is not known at these transmitters, which are silent: 3. The autopilot has not told it yet: its "
-        "terrain data must be switched on and there",
+        "the ground is not known at these transmitters, which are silent: 3. The autopilot has not sent it yet: its "
+        "terrain data must be switched on and loaded",
     ),
     (
         events.GroundMissing(*VEHICLE, [3, 4], "a.asc"),
@@ -108,18 +108,17 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         events.MotorsSilent(*VEHICLE, 0.5),
         "warning",
-        "the vehicle does not tell how hard its motors work (VFR_HUD, BATTERY_STATUS): their noise stays that of 50% "
-        "load",
+        "the vehicle does not report its motors' load (VFR_HUD, BATTERY_STATUS): their noise stays that of 50% load",
     ),
     (
         events.MotorsHeard(*VEHICLE),
         "info",
-        "the vehicle tells how hard its motors work",
+        "the vehicle reports its motors' load",
     ),
     (
         events.GroundFound(*VEHICLE),
         "info",
-        "the autopilot has told where the ground is: no transmitter waits for it",
+        "the autopilot has sent the height of the ground: all transmitters send",
     ),
     (
         events.DatumSet(*VEHICLE, 46.5, 11.35, 1800.0, (because(Why.HOME_MOVED),)),
@@ -176,7 +175,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "warning",
         "ATTITUDE is slower than the 50 Hz wanted (SET_MESSAGE_INTERVAL: no answer); trying REQUEST_DATA_STREAM",
     ),
-    (vehicles.AutopilotText(*VEHICLE, "PreArm: x"), "warning", "the autopilot says: PreArm: x"),
+    (vehicles.AutopilotText(*VEHICLE, "PreArm: x"), "warning", "the autopilot reports: PreArm: x"),
     (vehicles.ArmingTried(*VEHICLE, 1, 3.0, "", ""), "info", "arming, try 1; next try in 3 s"),
     (
         vehicles.ArmingTried(*VEHICLE, 2, 3.0, "arming", "FAILED"),
@@ -224,7 +223,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.FailsafesKnown(1.0, "ardupilot", (("FS_OPTIONS", 4.0), ("GUID_TIMEOUT", 3.0), ("FS_GCS_ENABLE", 0.0))),
         "info",
-        "without set-points it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody "
+        "without set-points it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until the pilot "
         "takes control; without a radio: nothing in GUIDED (FS_OPTIONS 4); without a ground station: nothing "
         "(FS_GCS_ENABLE 0)",
     ),
@@ -246,8 +245,8 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.ConsentNeeded(1.0, LABEL, False),
         "warning",
-        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, it would need --yes, because nobody can be "
-        "asked here",
+        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, it would need --yes, because there is no "
+        "terminal to ask at",
     ),
     (
         searches.DryRunBegun(1.0, LABEL, False, 3.0),
@@ -301,13 +300,13 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.OwnMarkHeard(1.0),
         "error",
-        "the autopilot hears what --gcs shows, and may fly away from it: nothing is shown now",
+        "the autopilot receives the vehicle of --gcs, and may evade it: nothing is sent there now",
     ),
     (searches.ReceiverGone(1.0, "pty: lost"), "warning", "the receiver is gone: pty: lost"),
     (
         searches.TransmitterHeard(1.0, 2, 20.0, 3.0, -0.01),
         "info",
-        "transmitter 2 is heard, 20.0 m away, at 3.0 m north, 0.0 m east of the take-off point",
+        "received transmitter 2, 20.0 m away, at 3.0 m north, 0.0 m east of the take-off point",
     ),
     (
         searches.TransmitterChosen(1.0, None, 9.0),
@@ -322,42 +321,42 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         teams.TeammateLost(1.0, 3, 4.0, -2.5, 9.0),
         "warning",
-        "the search of vehicle 3 is not heard any more: this one stays 9 m from where it was, 4.0 m north, -2.5 m east "
+        "the search of vehicle 3 sends nothing any more: this one stays 9 m from where it was, 4.0 m north, -2.5 m east "
         "of the take-off point",
     ),
     (teams.TeammateBack(1.0, 3), "info", "the place of vehicle 3 is known again"),
     (
         searches.TransmitterFaded(1.0, 1),
         "warning",
-        "transmitter 1 is not heard any more: back to the search strips",
+        "transmitter 1 is not received any more: back to the search strips",
     ),
     (
         searches.VictimNoted(1.0, 3, 1, 2, 4.2, -1.0, True, True, 1, False),
         "info",
         "victim 1 of 2: transmitter 3 at 4.2 m north, -1.0 m east of the take-off point, marked by the receiver; "
-        "1 more heard",
+        "1 more received",
     ),
     (
         searches.VictimNoted(1.0, None, 2, None, 4.2, -1.0, False, False, None, False),
         "info",
         "victim 2: transmitter without a number at 4.2 m north, -1.0 m east of the take-off point, not sure, "
-        "noted, not marked",
+        "recorded, not marked",
     ),
     (
         searches.VictimAgain(1.0, 5, 1, 0.5),
         "warning",
-        "this is victim 1 again, as transmitter 5: 0.5 m from the place noted",
+        "this is victim 1 again, as transmitter 5: 0.5 m from the place recorded",
     ),
     (
         searches.PlaceDoubted(1.0, 5, 1.0, 2.0),
         "warning",
-        "the readings of transmitter 5 do not agree with the place: the search looks for it once more",
+        "the readings of transmitter 5 do not agree with the place: the search flies to it once more",
     ),
     (searches.ReceiverKnown(1.0, "pulsed 1.0 binary", 4), "info", "the receiver is pulsed 1.0 binary"),
     (
         searches.MarksNotTaken(1.0, "unknown"),
         "warning",
-        "the receiver cannot mark transmitters (unknown): victims are only noted",
+        "the receiver cannot mark transmitters (unknown): victims are only recorded",
     ),
     (searches.MarkLost(1.0, 3, 1), "warning", "the receiver has lost the mark of victim 1"),
     (searches.DescentBegun(1.0), "info", "descending to the place reported"),
@@ -378,7 +377,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
         searches.SetPointsNotFollowed(1.0, 5.0, 5.0, 0.13),
         "warning",
         "the vehicle does not follow its set-points: 0.1 m in 5 s, 5.0 m ordered: a fence or an obstacle ahead "
-        "(AVOID_ENABLE, CP_DIST), or set-points are lost on their way. It flies sideways once",
+        "(AVOID_ENABLE, CP_DIST), or set-points are lost on the link. It flies sideways once",
     ),
     (
         searches.SensorsDisagree(1.0, "rangefinder", 8.04, "vertical speed", 3.0),
@@ -405,7 +404,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.HeightSource(1.0, "estimate"),
         "warning",
-        "no rangefinder is heard: the height is held above the take-off point; over a slope the height above the "
+        "no rangefinder sends values: the height is held above the take-off point; over a slope the height above the "
         "ground is different",
     ),
 ]
@@ -432,7 +431,7 @@ def test_that_there_is_no_vehicle_is_how_a_run_with_one_ends_and_news_where_ther
     assert sentence(UNSAID) is None
     told = sentence(UNSAID, named=True)
     assert told is not None
-    assert told.text.startswith("vehicle: 150 bytes were heard but no MAVLink packet in them")
+    assert told.text.startswith("vehicle: 150 bytes came, but no MAVLink packet")
     assert "waiting" not in told.text  # it is said at the end of a log and of a run too
 
 
@@ -488,11 +487,11 @@ def test_a_number_that_is_none_is_null() -> None:
         (NoPose("streams stopped"), "the streams have stopped"),
         (
             NoPose("no truth", message="SIM_STATE"),
-            "no SIM_STATE: only a simulator tells its vehicle's true pose; use `pose: estimate` otherwise",
+            "no SIM_STATE: only a simulator sends its vehicle's true pose; use `pose: estimate` otherwise",
         ),
         (
             NoPose("no truth"),
-            "only the simulators of ArduPilot and PX4 tell their vehicle's true pose; use `pose: estimate` otherwise",
+            "only the simulators of ArduPilot and PX4 send their vehicle's true pose; use `pose: estimate` otherwise",
         ),
         (
             NoPose("streams missing", (SilentStream("ATTITUDE", "", 0.0, "", True, False),)),
@@ -523,32 +522,31 @@ def test_why_there_is_no_pose_in_words(why: NoPose, text: str) -> None:
 @pytest.mark.parametrize(
     ("why", "text"),
     [
-        (NoVehicle("link lost", "tcp: refused"), "no autopilot was heard: tcp: refused"),
+        (NoVehicle("link lost", "tcp: refused"), "no autopilot was found: tcp: refused"),
         (
             NoVehicle("silence"),
-            "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?",
+            "no byte came: is the autopilot powered, and sending MAVLink on this link?",
         ),
         (
             NoVehicle("no packets", bytes=150),
-            "150 bytes were heard but no MAVLink packet in them: is the baud rate right, "
-            "and the port's protocol MAVLink?",
+            "150 bytes came, but no MAVLink packet: is the baud rate right, and the port's protocol MAVLink?",
         ),
         (
             NoVehicle("no signature", "", 99, 3, (("unsigned", 1), ("forged", 2))),
-            "3 packets were heard, but no autopilot's with the key: 1 unsigned, 2 forged",
+            "3 packets came, but no autopilot's with the key: 1 unsigned, 2 forged",
         ),
         (
             NoVehicle("no heartbeat", "", 99, 4, (), (HeardSource("heartbeats of gcs", 255, 190, 4),)),
-            "4 packets were heard, but no autopilot's heartbeat: heartbeats of gcs from 255/190 ×4",
+            "4 packets came, but no autopilot's heartbeat: heartbeats of gcs from 255/190 ×4",
         ),
         (
             NoVehicle("other vehicles", "", 99, 4, (), (HeardSource("heartbeats of quadrotor", 3, 1, 4),)),
-            "4 packets were heard, but none of the vehicle looked for: heartbeats of quadrotor from 3/1 ×4; is its "
+            "4 packets came, but none of the wanted vehicle: heartbeats of quadrotor from 3/1 ×4; is its "
             "system id right?",
         ),
         (
             NoVehicle("no heartbeat", "", 99, 4),
-            "4 packets were heard, all of other vehicles: is this one powered, and its system id right?",
+            "4 packets came, all of other vehicles: is this one powered, and its system id right?",
         ),
     ],
 )

@@ -388,7 +388,7 @@ def test_a_search_without_a_signal_hovers_and_ends():
     assert flight.steered
     assert not flight.moved
     flight.fly(3)
-    assert flight.said() == ["search begins", "nothing heard for 60 s: search ends"]
+    assert flight.said() == ["search begins", "no signal for 60 s: search ends"]
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from arva_hil.events.words.text import Notice
 from arva_hil.observers.console import Printer
 from arva_hil.safe_text import columns_of, wrapped
 
-LONG = "no rangefinder is heard: the height is held above the take-off point; over a slope the height is different"
+LONG = "no rangefinder sends values: the height is held above the take-off point; over a slope the height is different"
 PATH = "/tmp/a-folder-whose-name-is-longer-than-the-terminal-is-wide/search.csv"
 
 

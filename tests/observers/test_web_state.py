@@ -85,7 +85,7 @@ def test_asked_again_it_tells_what_is_new() -> None:
     news = shown(state, first["version"])
     assert not news["full"]
     assert [point[0] for point in news["receivers"][0]["points"]] == [2.0]
-    assert [event[2] for event in news["events"]] == ["the autopilot says: low battery"]
+    assert [event[2] for event in news["events"]] == ["the autopilot reports: low battery"]
     assert shown(state, news["version"])["receivers"][0]["points"] == []
     for unknown in (-5, 10**9):
         assert [point[0] for point in shown(state, unknown)["receivers"][0]["points"]] == [0.0, 1.0, 2.0]
@@ -301,7 +301,7 @@ def test_an_event_that_cannot_be_shown_is_told_and_the_page_goes_on() -> None:
     try:
         page.observe(VehicleStatus)  # type: ignore[arg-type]
         page.close()
-        assert "the page could not show something" in page.state.document().decode()
+        assert "the page could not display something" in page.state.document().decode()
         assert shown(page.state)["ended"] == "ended"
     finally:
         page.close()

@@ -152,7 +152,7 @@ def test_the_events_of_a_search_alone_are_in_its_log_on_the_clock_of_its_steps(t
         ("transmitter_heard", 2.5),
         ("place_found", 10.0),
     ]
-    assert read.events[0]["notice"]["text"].startswith("transmitter 3 is heard")
+    assert read.events[0]["notice"]["text"].startswith("received transmitter 3")
 
 
 def test_the_events_of_a_search_beside_a_run_are_on_the_clock_of_the_run(tmp_path: Path) -> None:

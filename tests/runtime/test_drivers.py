@@ -277,7 +277,7 @@ def test_frames_inside_mavlink_survive_an_absence() -> None:
     at = bench.clock.now()
     bench.run(1.0)
     assert sum(when >= at and message.get_type() == "TUNNEL" for when, message in bench.heard) in (19, 20, 21)
-    assert bench.diary.said("nobody takes") == 0
+    assert bench.diary.said("no program takes") == 0
     assert bench.emulator.counts()["autopilot_link_returns"] == 1
     assert "port_link_losses" not in bench.emulator.counts()
 
@@ -287,7 +287,7 @@ def test_a_link_lost_before_any_vehicle_was_heard_is_what_the_end_tells() -> Non
     bench.autopilot.pull()
     bench.run(5.0)
     (heard,) = bench.diary.missing
-    assert heard.startswith("no autopilot was heard: autopilot: lost: closed by the far end")
+    assert heard.startswith("no autopilot was found: autopilot: lost: closed by the far end")
 
 
 def test_a_vehicle_that_was_silent_for_some_seconds_is_asked_again_at_once(

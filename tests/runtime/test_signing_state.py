@@ -225,7 +225,7 @@ def test_a_place_that_cannot_be_is_said_once_and_nothing_else_changes(tmp_path: 
     process.signing.advance(10.0)
     process.ends()
     (said,) = process.said
-    assert "(Not a directory): packets recorded now may be believed later" in said
+    assert "(Not a directory): recorded packets may be accepted later" in said
 
 
 def test_what_could_not_be_written_at_first_is_written_once_it_can_be(file: Path) -> None:
@@ -245,7 +245,7 @@ def test_without_a_home_folder_it_is_said_once() -> None:
     assert process.believes(of_a_vehicle(3)) == 3
     process.ends()
     assert process.said == [
-        "time stamps of signatures are not stored (there is no home folder): packets recorded now may be believed later"
+        "time stamps of signatures are not stored (there is no home folder): recorded packets may be accepted later"
     ]
 
 

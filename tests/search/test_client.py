@@ -36,7 +36,7 @@ from tests.simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 HOME = (46.0123, 7.7456, 1650.0)
 VICTIM = (8.0, 3.0)  # north, east of home
 US = 193
-GUIDED_ALONE = "it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody takes control"
+GUIDED_ALONE = "it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until the pilot takes control"
 LEFT = "the vehicle is left to its own failsafe"
 HARMLESS = {  # what may be sent without an influence on the flight
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL,

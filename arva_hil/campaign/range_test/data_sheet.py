@@ -85,7 +85,7 @@ def lines(sheet: DataSheet) -> Iterator[str]:
     if any(row.motors for row in sheet.rows):
         yield f"motors on: at {HOVER_LOAD:.0%} of their load, as in a hover"
     yield ""
-    head = ("coupling", "first signal", "first stable", "s.d.", "least", "most", "heard in")
+    head = ("coupling", "first signal", "first stable", "s.d.", "least", "most", "received in")
     yield from table_lines([head, *(_cells(row) for row in sheet.rows)])
     yield ""
     yield from _judged(sheet)
@@ -127,7 +127,7 @@ def _judged(sheet: DataSheet) -> Iterator[str]:
         if sheet.plan.passes:
             widths = strip_m, 1.5 * strip_m, 2 * strip_m
             heard = [f"{detection(sheet.scenario, sheet.plan, w, motors=motors):.1%} at {w:.0f} m" for w in widths]
-            yield f"{when}flights along strips that hear it, however and wherever it lies there: {', '.join(heard)}"
+            yield f"{when}flights along strips that receive it, at random places and attitudes: {', '.join(heard)}"
 
 
 def as_dict(sheet: DataSheet) -> dict[str, Any]:

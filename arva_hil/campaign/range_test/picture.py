@@ -45,7 +45,7 @@ def draw_heard(axes: Axes, sheet: DataSheet) -> None:
         if row.mean_m is not None:
             axes.axvline(row.mean_m, color=colour, ls=style, lw=0.9, alpha=0.6)
     of = f" of {one_line(sheet.name)}" if sheet.name else ""
-    axes.set(xlabel="true range, m", ylabel="frames in which it is heard, %", ylim=(-3, 103), xlim=(0, farthest))
+    axes.set(xlabel="true range, m", ylabel="frames that contain it, %", ylim=(-3, 103), xlim=(0, farthest))
     axes.set_title(f"Range{of}: vertical lines are first stable signals")
     axes.legend(loc="best")
 
@@ -63,7 +63,7 @@ def draw_distances(axes: Axes, sheet: DataSheet) -> None:
         )
         highest = max(highest, *range_m[heard].tolist(), 1.0)
     axes.plot([0, highest], [0, highest], color=PALETTE[-1], lw=0.8, label="d = true range")
-    axes.set(xlabel="true range, m", ylabel="d, m", title="d that is shown")
+    axes.set(xlabel="true range, m", ylabel="d, m", title="d in the frames")
     axes.legend(loc="best")
 
 

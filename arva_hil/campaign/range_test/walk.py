@@ -122,7 +122,7 @@ def frames(
         frame_s = frame * period_s
         while before_s < frame_s and (look_s := model.next_look(before_s, frame_s)) <= frame_s:
             if not look_s > before_s:
-                raise ValueError(f"the receiver's model looks at {look_s:g} s, not later than {before_s:g} s")
+                raise ValueError(f"the receiver's model takes a sample at {look_s:g} s, not later than {before_s:g} s")
             model.look(Look(look_s, Pose(np.array(place(look_s)), turned), there, impairment=impairment))
             before_s = look_s
         heard = [channel.d_cm for channel in model.show(frame_s).channels if channel.zone]

@@ -101,7 +101,7 @@ def add_web(parser: CommandParser, *, default: str = OFF) -> None:
     """Add the option for the page in a browser."""
     parser.option(
         "--web HOST:PORT",
-        "show the run on a page in a browser: on, off, HOST, PORT or HOST:PORT; the next free port if this one is "
+        "open a page about the run in a browser: on, off, HOST, PORT or HOST:PORT; the next free port if this one is "
         f"taken; without a value {HostPort()}; default {default}",
         web,
         const=HostPort(),

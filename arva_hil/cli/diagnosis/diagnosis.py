@@ -71,9 +71,9 @@ def rate(times: Iterable[float], now: float, window_s: float = 2.0) -> float:
 
 def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool | None = None) -> Finding:
     """No byte came. `accepted`: whether a TCP server has accepted the connection; None if that is not known."""
-    found = f"nothing was heard in {seconds:.1f} s"
+    found = f"no byte came in {seconds:.1f} s"
     if refused:
-        found += ": nobody listens there"
+        found += ": no program listens there"
     if accepted is False:
         return Finding(
             "bytes", "fail", f"{found}: the connection is not accepted, because another client has the port", _NOT_TAKEN
@@ -167,7 +167,7 @@ def heartbeat(
     rest = [str(s) for s in sources if s is not mine]
     found = f"{mine} is followed" + (f"; also {', '.join(rest)}" if rest else "")
     if len(pilots) > 1 and target[0] is None:
-        return Finding("heartbeat", "note", found, f"it was the first one heard; choose with {_choose(pilots)}")
+        return Finding("heartbeat", "note", found, f"it sent the first heartbeat; choose with {_choose(pilots)}")
     if mine.hz is not None and mine.hz < _SLOW_HEARTBEAT_HZ:
         return Finding("heartbeat", "note", found, "one a second is usual: the link loses packets or is too slow")
     return Finding("heartbeat", "ok", found)

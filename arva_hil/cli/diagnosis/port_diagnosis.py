@@ -25,7 +25,7 @@ def held(check: str, link: str, what: str) -> Finding | None:
         check,
         "fail",
         f"{link}: a running arva-hil {command}{process} has it open",
-        f"that command shows its own status; to examine this port, end it first ({end})",
+        f"that command reports its own status; to examine this port, end it first ({end})",
     )
 
 
@@ -48,7 +48,7 @@ def frames(traffic: PortTraffic, form: str) -> Finding:
             "tcpin": "start the consumer: no client is connected; `run` waits for it",
             "udpin": "the consumer must send a datagram first; or give its address: --port udpout:HOST:PORT",
             "serial": "the other end does not read, or does not set CTS: is the consumer running?",
-        }.get(traffic.kind, "start the consumer: nobody reads; `run` waits for it")
+        }.get(traffic.kind, "start the consumer: no program reads; `run` waits for it")
         return Finding("frames", "fail", found, cure)
     if traffic.dropped:
         return Finding("frames", "note", found, "the consumer started late, or is too slow")
@@ -58,7 +58,7 @@ def frames(traffic: PortTraffic, form: str) -> Finding:
 def reader(traffic: PortTraffic) -> Finding | None:
     """Judge whether a program reads; None if no frame was accepted, which `frames` says already."""
     if traffic.refused:
-        return Finding("reader", "fail", "none: nobody listens there", "start the consumer, or correct --port")
+        return Finding("reader", "fail", "none: no program listens there", "start the consumer, or correct --port")
     if not traffic.taken or traffic.lost:
         return None
     if traffic.answered:
@@ -68,8 +68,10 @@ def reader(traffic: PortTraffic) -> Finding | None:
         if who and traffic.unread:
             return Finding("reader", "note", f"{who} has it open and left {traffic.unread} bytes unread", "let it read")
         if who or not traffic.unread:
-            return Finding("reader", "ok", f"{who or 'somebody'} reads it")
-        return Finding("reader", "note", "nobody has it open", f"arva-hil listen {traffic.name}, or start the consumer")
+            return Finding("reader", "ok", f"{who or 'a program'} reads it")
+        return Finding(
+            "reader", "note", "no program has it open", f"arva-hil listen {traffic.name}, or start the consumer"
+        )
     if traffic.kind in ("tcp", "tcpin"):
         return Finding("reader", "ok", "connected")
     if traffic.kind == "udpin":

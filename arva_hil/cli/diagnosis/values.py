@@ -75,5 +75,5 @@ class PortTraffic:
     answered: int = 0  # bytes that came back
     seen: Sequence[str] = ()
     unread: int = 0
-    refused: bool = False  # by the far machine: nobody listens there
+    refused: bool = False  # by the far machine: no program listens there
     lost: str = ""

@@ -76,7 +76,7 @@ ANTENNA_X, ANTENNA_Y, ANTENNA_Z = (
     FaultKind("heard", _GAIN, f"the antenna {name} has this gain: 0 dead, below 1 detuned", partial(_antenna, axis))
     for axis, name in enumerate("xyz")
 )
-COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: all antennas hear so much less", _cold)
+COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: all antennas receive so much less", _cold)
 SATURATION: Final = FaultKind("heard", _SIGNAL, "no antenna says more, as next to a transmitter", _saturated)
 ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "something beside it adds noise of this deviation", _electronics)
 

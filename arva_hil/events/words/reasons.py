@@ -14,29 +14,28 @@ _NO_POSE = {
     "impossible position": "the position is out of range: no GPS fix yet",
     "streams stopped": "the streams have stopped",
 }
-_SIMULATORS = "only the simulators of ArduPilot and PX4 tell their"
+_SIMULATORS = "only the simulators of ArduPilot and PX4 send their"
 
 
 def no_vehicle(why: NoVehicle) -> str:
     """Return the traffic received, in words, if no vehicle was found."""
     if why.reason == "link lost":
-        return f"no autopilot was heard: {why.link_error}"
+        return f"no autopilot was found: {why.link_error}"
     if why.reason == "silence":
-        return "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?"
+        return "no byte came: is the autopilot powered, and sending MAVLink on this link?"
     if why.reason == "no packets":
         return (
-            f"{why.bytes} bytes were heard but no MAVLink packet in them: is the baud rate right, "
-            "and the port's protocol MAVLink?"
+            f"{why.bytes} bytes came, but no MAVLink packet: is the baud rate right, and the port's protocol MAVLink?"
         )
     if why.reason == "no signature":
         counts = ", ".join(f"{count} {verdict}" for verdict, count in why.refused)
-        return f"{why.packets} packets were heard, but no autopilot's with the key: {counts}"
+        return f"{why.packets} packets came, but no autopilot's with the key: {counts}"
     if not why.sources:
-        return f"{why.packets} packets were heard, all of other vehicles: is this one powered, and its system id right?"
+        return f"{why.packets} packets came, all of other vehicles: is this one powered, and its system id right?"
     who = ", ".join(f"{s.what} from {s.system}/{s.component} ×{s.times}" for s in why.sources)
     if why.reason == "other vehicles":
-        return f"{why.packets} packets were heard, but none of the vehicle looked for: {who}; is its system id right?"
-    return f"{why.packets} packets were heard, but no autopilot's heartbeat: {who}"
+        return f"{why.packets} packets came, but none of the wanted vehicle: {who}; is its system id right?"
+    return f"{why.packets} packets came, but no autopilot's heartbeat: {who}"
 
 
 def no_pose(why: NoPose) -> str:
@@ -44,7 +43,7 @@ def no_pose(why: NoPose) -> str:
     if why.reason in _NO_POSE:
         return _NO_POSE[why.reason]
     if why.reason == "no truth":
-        who = f"no {why.message}: only a simulator tells its" if why.message else _SIMULATORS
+        who = f"no {why.message}: only a simulator sends its" if why.message else _SIMULATORS
         return f"{who} vehicle's true pose; use `pose: estimate` otherwise"
     zeros = ["the position is all zeros: no GPS fix yet"] if why.reason == "zero position" else []
     return ", ".join(zeros + [_silent(stream) for stream in why.streams])
@@ -102,7 +101,7 @@ def left_alone(values: Mapping[str, float], px4: bool, remote: bool) -> str:
     """Return the reaction to missing set-points in GUIDED or Offboard, in words. `remote`: it has a remote control."""
     if not px4:
         after = _after(values, "GUID_TIMEOUT", "s")
-        return f"it stops{after}, and hovers in GUIDED, armed, until somebody takes control"
+        return f"it stops{after}, and hovers in GUIDED, armed, until the pilot takes control"
     act, after = _word(values, "COM_OBL_RC_ACT", _OFFBOARD_LOST), _after(values, "COM_OF_LOSS_T", "s")
     if act and not remote and values["COM_OBL_RC_ACT"] in _BY_STICKS:
         return f"it {act}{after}, and sinks there and lands where it is, because it has no remote control"
@@ -164,7 +163,7 @@ def _not_all(where: str, nothing: str, found: int, wanted: int | None, more: int
     doubtful = f", {unsure} not sure" if unsure else ""
     if wanted:
         return f"{found} of {wanted} found{doubtful} {where}"
-    return f"{found} found{doubtful} {where}, {more} more heard"
+    return f"{found} found{doubtful} {where}, {more} more received"
 
 
 def _time_up(limit_s: float, **counts: Any) -> str:
@@ -204,9 +203,9 @@ def _other_search(name: str, flies: bool) -> str:
 
 def _not_followed(seconds: float, ordered_m: float, flown_m: float, off_deg: float | None) -> str:
     how = "it hardly moves" if off_deg is None else f"it flies {abs(off_deg):.0f}° off"
-    cause = "its compass is wrong, the wind is too strong, or somebody else steers it"
+    cause = "its compass is wrong, the wind is too strong, or another program steers it"
     if off_deg is None:
-        cause = "a fence or an obstacle stops it (AVOID_ENABLE, CP_DIST), or set-points are lost on their way"
+        cause = "a fence or an obstacle stops it (AVOID_ENABLE, CP_DIST), or set-points are lost on the link"
     flown = f"{flown_m:.1f} m in {seconds:.0f} s, {ordered_m:.1f} m ordered"
     return f"the vehicle does not follow its set-points: {how} ({flown}): {cause}"
 
@@ -268,7 +267,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.BEYOND_FENCE: _beyond_fence,
     Why.NOBODY_ASKED: f"{_REAL}: to let it fly, write --yes",
     Why.ANSWER_NO: f"{_REAL}, and the answer was not yes: nothing was done",
-    Why.ANSWER_LATE: f"{_REAL}, and nobody said yes within {{seconds:g}} s: nothing was done",
+    Why.ANSWER_LATE: f"{_REAL}, and no person typed yes within {{seconds:g}} s: nothing was done",
     Why.OTHER_SEARCH: _other_search,
     Why.WOULD_FLY: "dry run: nothing was ordered; it would have flown",
     Why.WOULD_END: lambda because: f"dry run: {in_words(because)}; nothing was ordered",
@@ -281,7 +280,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.POSE_LOST: lambda seconds, lacking: f"no pose for {seconds:g} s: {no_pose(lacking)}",
     Why.NOT_FOLLOWED: _not_followed,
     Why.BLOCKED_BELOW: "it hovers, because another vehicle of the team reports that it is below; take over and land",
-    Why.AUTOPILOT_SILENT: "the autopilot is not heard any more",
+    Why.AUTOPILOT_SILENT: "the autopilot sends no heartbeat any more",
     Why.STILL_ARMED: lambda because: (
         "the vehicle is still armed, and does not say that it has landed. If it stands, "
         f"keep away from the propellers and disarm it from the radio or the ground station ({in_words(because)})"
@@ -293,12 +292,12 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.CLOCK_BACK: "it has rebooted, or it is not the vehicle that was launched: its clock has gone back",
     Why.PLACE_JUMPED: "its position has jumped by {metres:.0f} m, or it is another vehicle",
     Why.MODE_UNKNOWN: "the vehicle has not said its mode for {seconds:g} s",
-    Why.NO_RADIO: "no radio is heard by which the pilot could have it",
+    Why.NO_RADIO: "the autopilot receives no radio, so the pilot cannot have it",
     Why.NOT_DONE: lambda phase, because: f"the vehicle does not {_TASKS[phase]}: {in_words(because)}",
     Why.NO_EXPLANATION: "it says nothing of why",
     Why.UNDER_ANOTHER: "another vehicle of the team is above it, or may be",
     Why.NO_FRAMES_YET: "the receiver sends no frames",
-    Why.ARMED_BY_OTHER: "somebody else has armed it, in {mode}",
+    Why.ARMED_BY_OTHER: "another program or person has armed it, in {mode}",
     Why.DISARMED: "it was disarmed; the mode is {mode}",
     Why.NOT_TAKEN_OVER: "it was not taken over",
     Why.MODE_TAKEN: _mode_taken,

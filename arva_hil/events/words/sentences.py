@@ -83,14 +83,14 @@ _IN_WORDS: Final[Mapping[str, Callable[[Any], str]]] = {
 }
 _NOTED: Final = (
     "victim {number}{wanted:of}: transmitter {transmitter:number} at {north_m:z.1f} m north, {east_m:z.1f} m east of "
-    "the take-off point{sure:|, not sure}, {marked:marked by the receiver|noted, not marked}"
+    "the take-off point{sure:|, not sure}, {marked:marked by the receiver|recorded, not marked}"
 )
-_LEFT: Final = "; {left} more heard{more:, and more than it shows|}"
+_LEFT: Final = "; {left} more received{more:, and more than a frame has|}"
 _HEIGHTS: Final = {
     "rangefinder": "height above the ground: from the rangefinder",
     "highest ground": "warning: the rangefinder gives no usable values: the height is held above the highest ground "
     "that it measured",
-    "estimate": "warning: no rangefinder is heard: the height is held above the take-off point; over a slope the "
+    "estimate": "warning: no rangefinder sends values: the height is held above the take-off point; over a slope the "
     "height above the ground is different",
     "terrain": "the autopilot's terrain data say that the ground falls: the search follows it, {margin_m:g} m "
     "higher than asked",
@@ -115,12 +115,12 @@ _SIGNATURES: Final = {
     "its clock is behind",
 }
 _POSE_LOST: Final = {  # by whether there was one before
-    True: "warning: no pose: frames say no signal until there is one (the newest is {age_s:.1f} s old)",
-    False: "warning: no pose: frames say no signal until there is one ({lacking:no_pose})",
+    True: "warning: no pose: frames have no signal until there is one (the newest is {age_s:.1f} s old)",
+    False: "warning: no pose: frames have no signal until there is one ({lacking:no_pose})",
 }
 _NO_GROUND: Final = {  # by whether the autopilot is asked for it
     True: "warning: the ground is not known at these transmitters, which are silent:{ids:values}. The autopilot has "
-    "not told it yet: its terrain data must be switched on and there",
+    "not sent it yet: its terrain data must be switched on and loaded",
     False: "warning: the ground is not known at these transmitters, which are silent:{ids:values}. {terrain} has no "
     "height there or at the datum: is it of this place?",
 }
@@ -142,27 +142,27 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     events.LogLayout: "{log}: it has {layout:{layout}|no time stamps: times come from the vehicles' boot times}",
     events.LogClockSet: "warning: {log}: the clock of its computer was set during the recording: the vehicles' clocks "
     "are used instead",
-    events.FollowedSystemSilent: "warning: system {system} {was_heard:is not heard any more|was never heard}: "
+    events.FollowedSystemSilent: "warning: system {system} {was_heard:sends nothing any more|never sent anything}: "
     "transmitters that follow it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links",
-    events.FollowedSystemHeard: "system {system} is heard: transmitters follow it",
+    events.FollowedSystemHeard: "system {system} sends its position: transmitters follow it",
     events.FramesLate: "warning: its frames are late, by {late_s:ms} now: this machine has too much to do; serve fewer "
     "vehicles, or lower rate_hz",
-    events.FramesRefused: "warning: nobody takes the frames: they are dropped until somebody reads them",
+    events.FramesRefused: "warning: no program takes the frames: they are dropped until one reads them",
     events.CommandReceived: "command {number} of the host: {name}{values:values}",
     events.CommandAnswered: "command {number} answered: {result}{text: {text}|}{values:values}"
-    "{sent:|, which nobody took}",
+    "{sent:|, which no program took}",
     events.FramesTaken: "frames are taken; {dropped} were dropped so far",
     events.PoseFound: "there is a pose: readings are real from here on",
     events.PoseLost: lambda e: _POSE_LOST[e.age_s is not None],
-    events.PoseMissing: "warning: still no pose, frames say no signal: {lacking:no_pose}",
+    events.PoseMissing: "warning: still no pose, frames have no signal: {lacking:no_pose}",
     events.TooFar: "warning: the vehicle is {from_datum_m:km} from the datum and {nearest_m:km} from the nearest "
-    "transmitter, too far to hear it: {fixed:datum_cure}",
+    "transmitter, too far to receive it: {fixed:datum_cure}",
     events.DatumSet: "datum: {lat:.7f}, {lon:.7f}, {alt:.2f} m AMSL{reason: ({reason:reasons})|}",
     events.GroundMissing: lambda e: _NO_GROUND[e.terrain == "autopilot"],
-    events.GroundFound: "the autopilot has told where the ground is: no transmitter waits for it",
-    events.MotorsSilent: "warning: the vehicle does not tell how hard its motors work (VFR_HUD, BATTERY_STATUS): their "
+    events.GroundFound: "the autopilot has sent the height of the ground: all transmitters send",
+    events.MotorsSilent: "warning: the vehicle does not report its motors' load (VFR_HUD, BATTERY_STATUS): their "
     "noise stays that of {load:.0%} load",
-    events.MotorsHeard: "the vehicle tells how hard its motors work",
+    events.MotorsHeard: "the vehicle reports its motors' load",
     events.HeartbeatMissing: "warning: {heard:no_vehicle}",
     vehicles.VehicleFound: "vehicle {label}, MAVLink {version}{signed:, signed|}",
     vehicles.SignaturesUnchecked: "warning: its packets are signed. They are not checked, and it may refuse unsigned "
@@ -178,7 +178,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     vehicles.StreamRateLowered: "warning: {stream}: {event:request}; asking for {next_hz:g} Hz",
     vehicles.StreamAskedOtherwise: "warning: {stream} is slower than the {wanted_hz:g} Hz wanted ({event:request}); "
     "trying REQUEST_DATA_STREAM",
-    vehicles.AutopilotText: "warning: the autopilot says: {text}",
+    vehicles.AutopilotText: "warning: the autopilot reports: {text}",
     vehicles.ArmingTried: "arming, try {number}; next try in {again_s:g} s"
     "{refused_order:; the last one was refused: {refused_order}: {refused_result}|}",
     vehicles.ThrottleAwaited: "warning: {channel:the pilot has moved a {channel:control} (channel {channel}, by "
@@ -193,7 +193,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.SimulatorRecognized: "{label} is a simulator: it answers with {message}",
     searches.ArmingAllowed: "warning: {label} is not known to be a simulator; --yes allows the flight",
     searches.ConsentNeeded: "warning: {label} is not known to be a simulator: before it flies, "
-    "{asked:you would have to type yes here|it would need --yes, because nobody can be asked here}",
+    "{asked:you would have to type yes here|it would need --yes, because there is no terminal to ask at}",
     searches.DryRunBegun: "dry run: all is ready. {label} would be {take_over:taken over in the air|launched}"
     "{countdown_s: after a count-down of {countdown_s:g} s|}, by these orders:",
     searches.WouldOrder: "  {order}: {what:order}",
@@ -211,30 +211,30 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.SearchPaused: lambda e: _PAUSES[e.reason],
     searches.SearchResumed: lambda e: _RESUMED[e.reason],
     searches.ReceiverGone: "warning: the receiver is gone: {error}",
-    searches.OwnMarkHeard: "error: the autopilot hears what --gcs shows, and may fly away from it: nothing is "
-    "shown now",
-    searches.TransmitterHeard: "transmitter {transmitter:number} is heard, {distance_m:.1f} m away, at "
+    searches.OwnMarkHeard: "error: the autopilot receives the vehicle of --gcs, and may evade it: nothing is "
+    "sent there now",
+    searches.TransmitterHeard: "received transmitter {transmitter:number}, {distance_m:.1f} m away, at "
     "{north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
-    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly heard|not heard any more}: "
+    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly received|not received any more}: "
     "back to the search strips",
     searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
-    teams.TeammateLost: "warning: the search of vehicle {number} is not heard any more: this one stays {apart_m:g} "
+    teams.TeammateLost: "warning: the search of vehicle {number} sends nothing any more: this one stays {apart_m:g} "
     "m from where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
     teams.TeammateBack: "the place of vehicle {number} is known again",
     searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
     searches.VictimAgain: "warning: this is victim {number} again, as transmitter {transmitter:number}: {apart_m:.1f} "
-    "m from the place noted",
+    "m from the place recorded",
     searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: the "
-    "search looks for it once more",
+    "search flies to it once more",
     searches.ReceiverKnown: "the receiver is {text}",
-    searches.MarksNotTaken: "warning: the receiver cannot mark transmitters ({answer}): victims are only noted",
+    searches.MarksNotTaken: "warning: the receiver cannot mark transmitters ({answer}): victims are only recorded",
     searches.MarkLost: "warning: the receiver has lost the mark of victim {number}",
     searches.DescentBegun: "descending to the place reported",
     searches.TooLow: "warning: only {height_m:.1f} m above the ground, {wanted_m:g} m are wanted: climbing",
     searches.SetPointsNotFollowed: "warning: the vehicle does not follow its set-points: {flown_m:.1f} m in "
     "{seconds:.0f} s, {ordered_m:.1f} m ordered: a fence or an obstacle ahead (AVOID_ENABLE, CP_DIST), or set-points "
-    "are lost on their way. It flies sideways once",
+    "are lost on the link. It flies sideways once",
     searches.SensorsDisagree: "warning: the {sensor} says {value_m:.1f} m, and the {other} {other_m:.1f} m: the search "
     "flies by the lower height",
     searches.HeightSource: lambda e: _HEIGHTS[e.source],

@@ -31,7 +31,7 @@ class PulsedOptions:
     noise_na_m: Annotated[
         float | None, Ge(0), "standard deviation of each antenna and pulse [nA/m]; without it from noise.floor_range_m"
     ] = None
-    threshold_na_m: Annotated[float, Gt(0), "a weaker pulse is not heard [nA/m]"] = 2.25
+    threshold_na_m: Annotated[float, Gt(0), "a weaker pulse is not received [nA/m]"] = 2.25
     antennas: Annotated[Literal[1, 2, 3], "x alone, x and y, or z near by too"] = 3
     third_within_m: Annotated[float, Ge(0), "the third antenna counts up to this distance [m]"] = 3.0
     gains: Annotated[tuple[float, float, float], "of the antennas x, y and z; 0 is a dead one"] = (1.0, 1.0, 1.0)
@@ -41,7 +41,7 @@ class PulsedOptions:
     lowest_m: Annotated[float, Ge(0), Le(99), "the lowest d [m]"] = 0.0
     directions: Annotated[int, Ge(0), Le(180), "so many arrows from −90° to 90°; 0: whole degrees"] = 0
     near_direction: Annotated[NearDirection, "δ where the third antenna counts: 0, or the last one"] = "zero"
-    frames: Annotated[Frames, "at rate_hz, or one a pulse that is heard and at least rate_hz"] = "rate"
+    frames: Annotated[Frames, "at rate_hz, or one a received pulse and at least rate_hz"] = "rate"
     mark_within_m: Annotated[float, Ge(0), "a transmitter farther away cannot be marked [m]"] = 6.0
     self_test_m: Annotated[
         float | None, Gt(0), "its self-test fails when it starts nearer to a transmitter, or beside electronics [m]"

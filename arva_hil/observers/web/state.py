@@ -133,7 +133,7 @@ class State:
     def fail(self, why: str) -> None:
         """Something could not be shown: why."""
         self._new_version()
-        line = f'[{jsons.number(self._time_s, 2)},"error",{jsons.text(f"the page could not show something: {why}")}]'
+        line = f'[{jsons.number(self._time_s, 2)},"error",{jsons.text(f"the page could not display something: {why}")}]'
         self._events.extend([line], self.version)
 
     def _new_version(self) -> None:

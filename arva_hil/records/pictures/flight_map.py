@@ -14,7 +14,7 @@ from arva_hil.records.reading import RecordedReceiver, Recording
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_ZONES: Final = {0: ("not heard", GREY, "."), 1: ("mid zone", BLUE, "o"), 2: ("inner zone", RED, "s")}
+_ZONES: Final = {0: ("no signal", GREY, "."), 1: ("mid zone", BLUE, "o"), 2: ("inner zone", RED, "s")}
 _MARGIN_M: Final = 5.0
 _HEIGHT_M: Final = 3.0  # of the flux lines' plane, if no height is known
 

@@ -117,7 +117,7 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
     for other in others[:_MOST_IDS] if isinstance(others, list) else []:
         nearest = number(mapping(other).get("nearest_m"))
         if nearest is not None:
-            yield f"heard, not found: {one_line(mapping(other).get('id'))}", f"{nearest:.1f} m away at the nearest"
+            yield f"received, not found: {one_line(mapping(other).get('id'))}", f"{nearest:.1f} m away at the nearest"
 
 
 def _frames(receiver: RecordedReceiver) -> Iterator[tuple[str, str]]:

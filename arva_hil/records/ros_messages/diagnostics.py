@@ -22,7 +22,7 @@ def diagnostics(report: StatusReport, header: Header) -> DiagnosticArray:
 
 
 def _of_vehicle(vehicle: VehicleStatus) -> DiagnosticStatus:
-    level, message = (_OK, "heard") if vehicle.label else (_WARNING, "no autopilot is heard")
+    level, message = (_OK, "received") if vehicle.label else (_WARNING, "no autopilot is received")
     values = [KeyValue(f"{one_line(stream)} [Hz]", f"{rate:.1f}") for stream, rate in vehicle.rates.items()]
     values += [KeyValue(one_line(name), str(count)) for name, count in vehicle.counters]
     return DiagnosticStatus(level, f"{_PROGRAM}: {vehicle.name}", message, one_line(vehicle.label), values)
@@ -40,7 +40,7 @@ def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> DiagnosticStatus:
             values["age of the pose [ms]"] = f"{1e3 * last.age_s:.1f}"
         if last.faults:
             values["faults"] = one_line(" ".join(last.faults))
-            level, message = _WARNING, f"{heard} heard, a fault strikes"
+            level, message = _WARNING, f"{heard} received, a fault is active"
         if last.pose is None:
             level, message = _WARNING, "no pose"
     name = f"{_PROGRAM}: {vehicle}/{receiver.name}"

@@ -14,8 +14,8 @@ from arva_hil.search.strategies.strategy import Found
 
 AGREES: Final = "the newest readings agree with the place"
 LISTEN: Final = "the last one does not: more are needed"
-LOOK_AGAIN: Final = "they do not: the transmitter is looked for again"
-NOT_THERE: Final = "they do not, and it was looked for again before"
+LOOK_AGAIN: Final = "they do not: the search visits the transmitter again"
+NOT_THERE: Final = "they do not, and the transmitter was visited again before"
 
 _MANY: Final = 0.7  # of the newest readings: they contradict the place
 _AGAIN: Final = 2  # times that transmitters are looked for again

@@ -161,7 +161,7 @@ def test_the_status_is_told_once_a_second_with_what_is_wrong() -> None:
     every = [p for n in range(9) for p in made_of.of_event(StatusReport(n / 4, [status]))]
     assert [p.topic for p in every] == ["/diagnostics"] * 3
     vehicle, receiver = read(encode(every[0].message), "diagnostic_msgs/msg/DiagnosticArray")["status"]
-    assert (vehicle["level"], vehicle["message"]) == (1, "no autopilot is heard")
+    assert (vehicle["level"], vehicle["message"]) == (1, "no autopilot is received")
     assert vehicle["values"] == [{"key": "ATTITUDE [Hz]", "value": "50.0"}, {"key": "bad_crc", "value": "3"}]
     assert (receiver["level"], receiver["message"]) == (1, "no pose")
     assert {"key": "dropped", "value": "2"} in receiver["values"]

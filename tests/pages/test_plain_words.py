@@ -1,0 +1,71 @@
+"""Pages and messages have no word that stands for several things: `look`, `tell`, `way`, `nobody`."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from .pages import ROOT
+
+VAGUE = re.compile(
+    r"(?<![\w./-])(hear|hears|heard|hearing|look|looks|looked|looking|show|shows|showed|shown|showing|tell|tells|told|"
+    r"telling|believe|believes|believed|disbelieved|obey|obeys|obeyed|noted|word|way|ways|stray|strays|anew|at last|"
+    r"by a hair|nobody|somebody|whoever|what it says)(?![\w/(=-])",
+    re.I,
+)
+PAGES = sorted(
+    [
+        *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "firmware_proto").rglob("*.md"),
+    ]
+)
+MODULES = sorted((ROOT / "arva_hil").rglob("*.py"))
+
+
+def vague(text: str) -> list[str]:
+    """Return the vague words of a text, without those in code."""
+    return [str(match[0]) for match in VAGUE.finditer(re.sub(r"`[^`]*`|\{\w*:?", "", text))]
+
+
+def prose(page: Path) -> str:
+    """Return a page without blocks of code, sources and targets of links."""
+    text = page.read_text(encoding="utf-8").split("\n## Sources")[0]
+    return re.sub(r"(?ms)^( *)```.*?^\1```$|\]\([^)]*\)|^ {4}.*?$", "", text)
+
+
+def messages(module: Path) -> Iterator[str]:
+    """Yield the texts of a module that may become a message: those of several words that are no docstring."""
+    tree = ast.parse(module.read_text(encoding="utf-8"))
+    alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+            if len(node.value.split()) > 1 and not re.fullmatch(r"([A-Z]\w+ ?)+", node.value):
+                yield node.value
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("Nobody tells it.", ["Nobody", "tells"]),
+        ("`look` is a method, on-the-way a name", []),
+        ("{heard:no_vehicle}", []),
+        ("a one-way link", []),
+    ],
+)
+def test_vague_words_are_found_outside_of_code(text: str, found: list[str]) -> None:
+    assert vague(text) == found
+
+
+def test_no_page_has_a_vague_word() -> None:
+    found = {str(page.relative_to(ROOT)): vague(prose(page)) for page in PAGES}
+    assert {page: words for page, words in found.items() if words} == {}
+
+
+def test_no_message_has_a_vague_word() -> None:
+    found = [(str(module.relative_to(ROOT)), text) for module in MODULES for text in messages(module) if vague(text)]
+    assert found == []
