@@ -195,7 +195,7 @@ class PoseFound(ReceiverEvent):
 
 
 class PoseLost(ReceiverEvent):
-    """There is no pose any more, so frames have no signal. `age_s`: of the newest pose, None if none; `lacking`: why."""
+    """There is no pose any more, so frames have no signal. `age_s`: of the newest pose, or None; `lacking`: why."""
 
     age_s: float | None
     lacking: NoPose

@@ -321,8 +321,8 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         teams.TeammateLost(1.0, 3, 4.0, -2.5, 9.0),
         "warning",
-        "the search of vehicle 3 sends nothing any more: this one stays 9 m from where it was, 4.0 m north, -2.5 m east "
-        "of the take-off point",
+        "the search of vehicle 3 sends nothing any more: this one stays 9 m from where it was, 4.0 m north, -2.5 m "
+        "east of the take-off point",
     ),
     (teams.TeammateBack(1.0, 3), "info", "the place of vehicle 3 is known again"),
     (

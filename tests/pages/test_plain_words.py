@@ -43,9 +43,10 @@ def messages(module: Path) -> Iterator[str]:
     tree = ast.parse(module.read_text(encoding="utf-8"))
     alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
-            if len(node.value.split()) > 1 and not re.fullmatch(r"([A-Z]\w+ ?)+", node.value):
-                yield node.value
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, str) or id(node) in alone:
+            continue
+        if len(node.value.split()) > 1 and not re.fullmatch(r"([A-Z]\w+ ?)+", node.value):
+            yield node.value
 
 
 @pytest.mark.parametrize(

@@ -216,8 +216,8 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.TransmitterHeard: "received transmitter {transmitter:number}, {distance_m:.1f} m away, at "
     "{north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
-    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly received|not received any more}: "
-    "back to the search strips",
+    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly received|not received any "
+    "more}: back to the search strips",
     searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
     teams.TeammateLost: "warning: the search of vehicle {number} sends nothing any more: this one stays {apart_m:g} "
     "m from where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
