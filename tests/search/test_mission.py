@@ -24,9 +24,9 @@ from arva_hil.events.searches import (
 )
 from arva_hil.events.words.reasons import in_words
 from arva_hil.search.mission.choice import NO_ID
-from arva_hil.search.mission.conclusion import conclusion
 from arva_hil.search.mission.ground import Height
 from arva_hil.search.mission.mission import Mission
+from arva_hil.search.mission.outcome import conclusion
 from arva_hil.search.strategies.analysis import TransmitterReadings
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
@@ -101,7 +101,7 @@ class Told(Mission):
 
 def heard(mission: Mission, *channels: Channel, at_s: float, position: Position = AT) -> Velocity:
     """A frame, and what is then flown, horizontally."""
-    mission.hear(frame(*channels), at_s, position, LEVEL)
+    mission.on_frame(frame(*channels), at_s, position, LEVEL)
     north, east, _ = mission.fly(at_s, position)
     return north, east
 
@@ -201,9 +201,9 @@ def test_what_is_heard_near_the_ground_may_contradict_the_place_where_it_has_lan
 def test_a_strategy_is_told_what_the_frames_say_of_its_transmitter_and_where(strategy: type[Scripted]) -> None:
     m = mission(strategy)
     turned = np.diag([1.0, -1.0, -1.0])
-    m.hear(frame(beacon(7, 12.34, -15), beacon(3, 40)), 101.0, AT, turned)
-    m.hear(frame(beacon(7, 2.5, 3, INNER), beacon(3, 40)), 102.0, (1.0, 2.0, 3.0), LEVEL)
-    m.hear(frame(beacon(3, 40)), 103.0, AT, LEVEL)
+    m.on_frame(frame(beacon(7, 12.34, -15), beacon(3, 40)), 101.0, AT, turned)
+    m.on_frame(frame(beacon(7, 2.5, 3, INNER), beacon(3, 40)), 102.0, (1.0, 2.0, 3.0), LEVEL)
+    m.on_frame(frame(beacon(3, 40)), 103.0, AT, LEVEL)
     (only,) = strategy.made
     assert only.heard == [
         Observation(101.0, AT, turned, 1234, -15, False),
@@ -269,8 +269,8 @@ def test_frames_without_numbers_are_of_one_transmitter_the_nearest(strategy: typ
 
 def test_two_frames_at_once_are_two(strategy: type[Scripted]) -> None:
     m = mission(strategy)
-    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
-    m.hear(frame(beacon(2, 40)), 101.0, AT, LEVEL)
+    m.on_frame(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    m.on_frame(frame(beacon(2, 40)), 101.0, AT, LEVEL)
     assert [o.d_cm for o in strategy.made[0].heard] == [2000, -1]
 
 
@@ -459,7 +459,7 @@ def test_time_may_go_anywhere(steps: list[tuple[float, bool, int]]) -> None:
     m = mission(fresh)
     for now, comes, d_cm in steps:
         if comes:
-            m.hear(frame(Channel(1, MID, d_cm, 0)), now, AT, LEVEL)
+            m.on_frame(frame(Channel(1, MID, d_cm, 0)), now, AT, LEVEL)
         flown = m.fly(now, AT)
         assert math.hypot(*flown[:2]) <= 1.0 + 1e-9
         assert in_words(m.ended) == "" or flown[:2] == STILL
@@ -504,19 +504,19 @@ def test_a_place_that_the_readings_do_not_agree_with_is_not_sure(strategy: type[
 
 def test_what_is_heard_of_the_height_is_flown_by(strategy: type[Scripted]) -> None:
     m = mission(strategy, height=3.0)
-    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    m.on_frame(frame(beacon(1, 20)), 101.0, AT, LEVEL)
     assert m.fly(101.0, (3.0, 4.0, -9.0), height=Height(3.0, True)) == (*NORTH, 0.0)
     assert m.fly(101.2, (3.0, 4.0, -9.0), height=Height(3.3, True))[2] == pytest.approx(0.3)
 
 
 def test_too_low_it_flies_nowhere_but_up_and_says_so(strategy: type[Scripted]) -> None:
     m = mission(strategy, height=3.0)
-    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    m.on_frame(frame(beacon(1, 20)), 101.0, AT, LEVEL)
     m.fly(101.0, AT, height=Height(3.0, True))
     m.news()
     assert m.fly(102.0, AT, height=Height(1.4, True)) == (0.0, 0.0, -1.0)
     assert m.news() == [TooLow(102.0, 1.4, 3.0)]
-    m.hear(frame(beacon(1, 19)), 103.0, AT, LEVEL)
+    m.on_frame(frame(beacon(1, 19)), 103.0, AT, LEVEL)
     assert m.fly(103.0, AT, height=Height(2.5, True)) == (*NORTH, -0.5)
     assert not m.ended
 
@@ -532,7 +532,7 @@ def test_what_stays_too_low_ends(strategy: type[Scripted]) -> None:
 def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Scripted]) -> None:
     m = Mission(SearchPlan(strategy, height=3.0), 100.0, (0.0, 0.0, -3.0), land=True)
     strategy.finds = Found(3.0, 4.0)
-    m.hear(frame(beacon(1, 3)), 101.0, (3.0, 4.0, -3.0), LEVEL)
+    m.on_frame(frame(beacon(1, 3)), 101.0, (3.0, 4.0, -3.0), LEVEL)
     position, now = np.array([3.0, 4.4, -3.0]), 101.0
     while not m.over:
         position += 0.1 * np.array(m.fly(now, tuple(position)))
@@ -561,10 +561,10 @@ def test_the_receiver_is_flown_to_the_signal_and_the_vehicle_to_the_victim(strat
 
     strategy.velocity = velocity
     m = mission(strategy)
-    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    m.on_frame(frame(beacon(1, 20)), 101.0, AT, LEVEL)
     assert m.fly(101.0, AT, receiver=(5.0, 6.0, -1.0))[:2] == pytest.approx((0.5, 0.6))
     strategy.finds = Found(3.0, 4.0)
-    m.hear(frame(beacon(1, 5)), 102.0, AT, LEVEL)
+    m.on_frame(frame(beacon(1, 5)), 102.0, AT, LEVEL)
     m.fly(102.0, (3.0, 4.0, -1.0), receiver=(5.0, 6.0, -1.0))
     assert m.ended
 

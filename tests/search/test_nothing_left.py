@@ -53,7 +53,7 @@ def test_one_that_only_hears_a_transmitter_hardly_ends_after_two_rounds(team: bo
         if with_mate:
             with_mate.tell(now, (46.0, 7.0, 1003.0), flying=True, heard=[])
         few = [beacon(1, 63)] if round(2 * now) % 16 == 0 else []  # in one frame of sixteen
-        m.hear(frame(*few), now, position, LEVEL)
+        m.on_frame(frame(*few), now, position, LEVEL)
         north, east, _ = m.fly(now, position)
         position = position[0] + 0.5 * north, position[1] + 0.5 * east, -3.0
         assert now < 1300.0

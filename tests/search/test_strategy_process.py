@@ -164,7 +164,7 @@ def test_in_real_time_velocities_come_every_fifth_of_a_second_from_one_that_bloc
         times = []
         while not mission.ended:
             times.append(clock.now())
-            mission.hear(heard, clock.now(), AT, np.eye(3))
+            mission.on_frame(heard, clock.now(), AT, np.eye(3))
             assert mission.fly(clock.now(), AT)[:2] == (0.0, 0.0)
             clock.wait(times[-1] + 0.2)
             assert clock.now() < WITHIN_S

@@ -21,9 +21,8 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.choice import Choice
 from arva_hil.search.mission.ground import Height
-from arva_hil.search.mission.height import Descent
+from arva_hil.search.mission.height import Descent, descent_of
 from arva_hil.search.mission.mission import Mission
-from arva_hil.search.mission.team_descent import descent_of
 from arva_hil.search.strategies.analysis import Inline
 from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.plan import SearchPlan
@@ -287,10 +286,10 @@ def test_it_says_when_it_leaves_its_transmitter_to_another_search() -> None:
     mate, said = alone(1), list[Event]()
     mission = Mission(SearchPlan(STRATEGIES["flux"]), 0.0, (0.0, 0.0, -3.0), team=mate, emit=said.append)
     heard = Frame(1, 1, (Channel(7, 1, 2000, 0),))
-    mission.hear(heard, 1.0, (0.0, 0.0, -3.0), np.eye(3))
+    mission.on_frame(heard, 1.0, (0.0, 0.0, -3.0), np.eye(3))
     assert mission.target == 7
     mate.hear(told(0, found=(7,)))
-    mission.hear(Frame(2, 1, heard.channels), 2.0, (1.0, 0.0, -3.0), np.eye(3))
+    mission.on_frame(Frame(2, 1, heard.channels), 2.0, (1.0, 0.0, -3.0), np.eye(3))
     assert mission.target is None
     assert [event.transmitter for event in said if isinstance(event, TransmitterLeft)] == [7]
 

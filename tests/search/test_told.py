@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +16,12 @@ from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
 from arva_hil.model.field import LocalFrame, Mount
 from arva_hil.runtime.loop import run
-from arva_hil.search.flight.frames_told import FramesTold, take_off_point
-from arva_hil.search.mission.beliefs import Beliefs
+from arva_hil.search.flight.airborne import MissionRun
+from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import Belief, Found
+from arva_hil.search.strategies.strategy import Belief
 from arva_hil.simulated.closed_loop import HOME, ClosedLoop
 from firmware_proto import Channel, Frame
 from tests.search.world import PAPER, fly
@@ -71,17 +73,16 @@ def test_a_flight_tells_its_take_off_point_its_frames_its_beliefs_and_the_place(
     assert found.covariance is not None
 
 
-def test_beliefs_are_told_twice_a_second_at_most_and_only_by_strategies_that_have_some() -> None:
+def test_beliefs_are_told_twice_a_second_at_most() -> None:
     told: list[Event] = []
-    beliefs = Beliefs(told.append)
+    mission = Mission(SearchPlan(Thinker), 0.0, (0.0, 0.0, -3.0), emit=told.append)
     for step in range(21):
-        beliefs.look(step / 10, 7, Thinker(1.0).belief)
-    assert [event.time_s for event in told] == [0.0, 0.5, 1.0, 1.5, 2.0]
-    assert told[0] == BeliefChanged(0.0, 7, ((1.0, 2.0, 1.0),), None, (3.0, 4.0))
-    beliefs.look(9.0, None, None)
-    assert len(told) == 5
-    beliefs.found(9.5, 7, Found(1.0, 2.0), False)
-    assert told[5:] == [PlaceFound(9.5, 7, 1.0, 2.0, None, False)]
+        mission.on_frame(
+            Frame(step, 1, (Channel(1, 1, 1234 - step, 17),)), step / 10, (0.1 * step, 0.0, -3.0), np.eye(3)
+        )
+    beliefs = [event for event in told if isinstance(event, BeliefChanged)]
+    assert [event.time_s for event in beliefs] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert beliefs[0] == BeliefChanged(0.0, 1, ((1.0, 2.0, 1.0),), None, (3.0, 4.0))
 
 
 def test_an_estimate_believes_in_where_it_goes() -> None:
@@ -96,15 +97,17 @@ def test_an_estimate_believes_in_where_it_goes() -> None:
 
 def test_frames_are_told_ten_times_a_second_with_the_place_of_the_receiver() -> None:
     told: list[Event] = []
-    frames = FramesTold(Mount((1.0, 0.0, 0.0)), told.append)
     half = math.sqrt(0.5)
     east = VehicleState(0.0, np.array([3.0, 2.0, -1.0]), np.zeros(3), (half, 0.0, 0.0, half), 0.0)
+    session: Any = SimpleNamespace(state_at=lambda now, origin: east)
+    plan = SearchPlan(Estimate, mount=Mount((1.0, 0.0, 0.0)))
+    flight = MissionRun(plan, session, start=0.0, emit=told.append, log=None)
     for step in range(5):
-        frames.tell(FRAME, step / 20, east if step else None)
+        flight.on_frame(FRAME, step / 20)
+        flight.origin = LocalFrame(46.0, 7.0, 1650.0)
     assert told[0] == FrameHeard(0.0, FRAME, None, None)
     (second, third) = told[1:]
     assert (second.time_s, third.time_s) == (0.1, 0.2)
     assert isinstance(second, FrameHeard)
     assert second.position == pytest.approx((3.0, 3.0, -1.0))
     assert second.heading_deg == pytest.approx(90.0)
-    assert take_off_point(1.0, LocalFrame(46.0, 7.0, 1650.0)).lat == pytest.approx(46.0)

@@ -23,8 +23,8 @@ from arva_hil.events.searches import (
 from arva_hil.events.words.reasons import in_words
 from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
-from arva_hil.search.mission.conclusion import conclusion
 from arva_hil.search.mission.mission import Mission
+from arva_hil.search.mission.outcome import conclusion
 from arva_hil.search.mission.receiver_host import ReceiverHost
 from arva_hil.search.mission.victims import Victim, probing_order
 from arva_hil.search.strategies.analysis import TransmitterReadings
@@ -80,7 +80,7 @@ class Rescue:
 
     def step(self, *channels: Channel, at: Position = AT, status: int = 1) -> Velocity:
         self.now += 1.0
-        self.mission.hear(Frame(0, status, channels or (Channel(),)), self.now, at, LEVEL)
+        self.mission.on_frame(Frame(0, status, channels or (Channel(),)), self.now, at, LEVEL)
         north, east, _ = self.mission.fly(self.now, at)
         return north, east
 

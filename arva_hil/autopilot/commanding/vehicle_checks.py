@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any, Final, Literal
+from collections.abc import Mapping
+from typing import Any, Final, Literal, NamedTuple
 
-from arva_hil.autopilot.commanding.fence import FENCE_PARAMETERS
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
@@ -20,6 +20,11 @@ _AGAIN_S: Final = 0.5
 _TRIES: Final = 4
 _ARDUPILOT: Final = ("FS_THR_ENABLE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE")
 _PX4: Final = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T", "NAV_RCL_ACT", "NAV_DLL_ACT", "COM_RC_OVERRIDE")
+_FENCE: Final = {  # by: the autopilot is PX4
+    False: ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS", "FENCE_TOTAL"),
+    True: ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"),
+}
+_HEIGHT, _CIRCLE, _POLYGONS = 1, 2, 4  # bits of FENCE_TYPE
 _SET_POINTS_S: Final = {"GUID_TIMEOUT": (0.5, 5.0), "COM_OF_LOSS_T": (0.5, 5.0)}  # set-points come every 0.2 s
 _IN_AUTO: Final = 1  # of COM_RC_OVERRIDE: in the auto modes PX4 follows a stick that moves
 _INTEGERS: Final = {  # MAV_PARAM_TYPE → struct: PX4 copies the bytes of an integer into the float
@@ -48,7 +53,7 @@ class Failsafes:
     def poll(self, now: float, vehicle: Vehicle) -> list[Any]:
         """The requests to send now."""
         self.px4 = vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4
-        self._names = (_PX4 if self.px4 else _ARDUPILOT) + FENCE_PARAMETERS[self.px4]
+        self._names = (_PX4 if self.px4 else _ARDUPILOT) + _FENCE[self.px4]
         if now < self._next:
             return []
         self._next = now + _AGAIN_S
@@ -83,6 +88,40 @@ class Failsafes:
         if self.px4 and not int(sticks or 0) & _IN_AUTO:
             found.append(("COM_RC_OVERRIDE", sticks, "sticks ignored"))
         return found
+
+
+class FenceLimit(NamedTuple):
+    """One limit of a fence: its parameter, and the value [m]."""
+
+    parameter: str
+    metres: float
+
+
+class Fence(NamedTuple):
+    """The limits of a fence, None where there is none."""
+
+    radius: FenceLimit | None = None
+    """Horizontally, from home."""
+    height: FenceLimit | None = None
+    """Above home."""
+    points: int = 0
+    """The number of the points of polygons and other circles, whose places are not known."""
+
+
+def fence_of(values: Mapping[str, float], *, px4: bool) -> Fence:
+    """Return the fence by the parameters that the autopilot reported."""
+    if px4:
+        on = int(values.get("GF_ACTION", 0))
+        return Fence(_limit(values, "GF_MAX_HOR_DIST", on), _limit(values, "GF_MAX_VER_DIST", on))
+    kinds = int(values.get("FENCE_TYPE", 0)) if values.get("FENCE_ENABLE") else 0
+    points = int(values.get("FENCE_TOTAL", 0)) if kinds & _POLYGONS else 0
+    circle = _limit(values, "FENCE_RADIUS", kinds & _CIRCLE)
+    return Fence(circle, _limit(values, "FENCE_ALT_MAX", kinds & _HEIGHT), points)
+
+
+def _limit(values: Mapping[str, float], name: str, on: int) -> FenceLimit | None:
+    metres = values.get(name, 0.0) if on else 0.0
+    return FenceLimit(name, metres) if metres > 0 else None
 
 
 _ASK_S: Final = 1.0

@@ -13,11 +13,10 @@ from arva_hil.autopilot.following.pose_track import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
-from arva_hil.events.searches import SearchBegun, SearchEnded
+from arva_hil.events.searches import FrameHeard, SearchBegun, SearchEnded, TakeOffPoint
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.model.field.quaternion import heading
 from arva_hil.search.flight.detour import Detour
-from arva_hil.search.flight.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.flight.team_report import TeamReport
 from arva_hil.search.mission.ground import Ground
 from arva_hil.search.mission.mission import Mission
@@ -25,19 +24,76 @@ from arva_hil.search.mission.outcome import SearchStep, lla
 from arva_hil.search.mission.receiver_host import ReceiverHost
 from arva_hil.search.strategies.analysis import Worker
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import Position
+from arva_hil.search.strategies.strategy import Position, as_position
 from arva_hil.search.team.team import Teammate
 from firmware_proto import Frame
 
 OLD_S: Final = 1.0  # an older pose is not used for the flight
 STAY: Final = (0.0, 0.0, 0.0)
+_REPORT_S: Final = 0.1  # between frames that are reported
 
 
-class Flight:
+class MissionRun:
+    """A mission, flown or not: its frames with the receiver's pose, its take-off point, and a row for each step.
+
+    `emit` gets the events, `log` the rows; None: none is made.
+    """
+
+    def __init__(
+        self,
+        plan: SearchPlan,
+        session: Session,
+        *,
+        start: float,
+        emit: Callable[[Event], None],
+        log: Callable[[SearchStep], None] | None,
+    ) -> None:
+        self.mission: Mission | None = None
+        self.origin: LocalFrame | None = None  # the take-off point
+        self._plan = plan
+        self._session = session
+        self._start = start
+        self._emit = emit
+        self._log = log
+        self._new_frame: Frame | None = None  # since the last row of the log
+        self._report_s = -math.inf  # when a frame may be reported next
+        self._skipped_s = 0.0  # in gaps, which do not count for the mission
+
+    def on_frame(self, frame: Frame, now: float) -> None:
+        """Use a new frame."""
+        self._new_frame = frame
+        position = heading_deg = None
+        if (state := self._state(now)) is not None:
+            place, rotation = self._plan.mount.pose(state.position, state.attitude)
+            position, heading_deg = as_position(place), math.degrees(math.atan2(rotation[1, 0], rotation[0, 0]))
+            if self.mission is not None:
+                self.mission.on_frame(frame, now - self._skipped_s, position, rotation)
+        if now >= self._report_s:
+            self._report_s = now + _REPORT_S
+            self._emit(FrameHeard(now, frame, position, heading_deg))
+
+    def _begin_at(self, now: float, origin: LocalFrame) -> None:
+        self.origin = origin
+        self._emit(TakeOffPoint(now, *lla(origin, 0.0, 0.0, 0.0)))
+
+    def _state(self, now: float) -> VehicleState | None:
+        """Return the pose for the flight, None if there is none that is new enough."""
+        state = self._session.state_at(now, self.origin) if self.origin else None
+        return state if state is not None and state.age_s < OLD_S else None
+
+    def _log_step(self, now: float, phase: str, state: VehicleState, velocity: Position) -> None:
+        if self._log is None:
+            return
+        frame, self._new_frame = self._new_frame, None
+        reading = reading_of(frame, self.mission.target if self.mission else None) if frame else (None,) * 4
+        place, north_deg = as_position(state.position), math.degrees(heading(state.attitude))
+        self._log(SearchStep(now - self._start, phase, *place, north_deg, *velocity, *reading))
+
+
+class Flight(MissionRun):
     """One flight from its take-off point on. `mission` begins at the end of the take-off.
 
-    `emit` gets the events, `log` a row for each step; None: none is made. `team`: the other searches. `host`: commands
-    to the receiver. `worker`: computes; None: in this loop.
+    `team`: the other searches. `host`: commands to the receiver. `worker`: computes; None: in this loop.
     """
 
     def __init__(
@@ -54,33 +110,16 @@ class Flight:
         host: ReceiverHost | None = None,
         worker: Worker | None = None,
     ) -> None:
-        self.mission: Mission | None = None
-        self.origin: LocalFrame | None = None  # the take-off point
-        self._plan = plan
-        self._session = session
+        super().__init__(plan, session, start=start, emit=emit, log=log)
         self._commander = commander
         self._ground = ground
-        self._start = start
-        self._emit = emit
-        self._log = log
         self._team = team
         self._report = TeamReport(team, session, emit) if team else None
         self._host = host
         self._worker = worker
-        self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
         self._down = 0.0  # ordered last, m/s
-        self._skipped_s = 0.0  # in gaps, which do not count for the mission
-        self._frames = FramesTold(plan.mount, emit)
         self._detour = Detour(emit)
-
-    def hear(self, frame: Frame, now: float) -> None:
-        self._new_frame = frame
-        state = self._state(now)
-        if self.mission is not None and state is not None:
-            place, rotation = self._plan.mount.pose(state.position, state.attitude)
-            self.mission.hear(frame, now - self._skipped_s, as_position(place), rotation)
-        self._frames.tell(frame, now, state)
 
     def skip(self, now: float, seconds: float) -> None:
         """There was a gap until now, in which the mission's clock did not run."""
@@ -100,8 +139,7 @@ class Flight:
     def fly(self, now: float) -> None:
         """One step in the air."""
         if self.origin is None and (origin := self._commander.origin):
-            self.origin = origin.frame
-            self._emit(take_off_point(now, self.origin))
+            self._begin_at(now, origin.frame)
         phase, state, velocity = self._commander.phase, self._state(now), STAY
         if not self._commander.authority.settled:
             return
@@ -120,7 +158,7 @@ class Flight:
                     now - self._skipped_s,
                     position,
                     land=self._plan.land,
-                    emit=self._tell_in_time,
+                    emit=self._emit_in_time,
                     team=self._team,
                     host=self._host,
                     worker=self._worker,
@@ -145,7 +183,7 @@ class Flight:
                 self._emit(SearchEnded(now, (self.mission.ended,), lands))
                 blocked = [because(Why.BLOCKED_BELOW)] if self.mission.blocked else []
                 (self._commander.land if lands else self._commander.hold)(now, *blocked)
-        self._note(now, phase, state, velocity)
+        self._log_step(now, phase.name.lower(), state, velocity)
 
     def confirm(self, now: float) -> None:
         """It has landed, and what was heard until then is known."""
@@ -164,23 +202,7 @@ class Flight:
             lacking = self._session.why_no_pose()
             self._commander.land(now, because(Why.POSE_LOST, seconds=self._plan.patience_s, lacking=lacking))
 
-    def _state(self, now: float) -> VehicleState | None:
-        """The pose for the flight, None if there is none that is new enough."""
-        state = self._session.state_at(now, self.origin) if self.origin else None
-        return state if state is not None and state.age_s < OLD_S else None
-
-    def _note(self, now: float, phase: Phase, state: VehicleState, velocity: Position) -> None:
-        if self._log is None:
-            return
-        reading: tuple[int | None, ...] = (None, None, None, None)
-        if self._new_frame is not None:
-            reading = reading_of(self._new_frame, self.mission.target if self.mission else None)
-            self._new_frame = None
-        north_deg = math.degrees(heading(state.attitude))
-        place = as_position(state.position)
-        self._log(SearchStep(now - self._start, phase.name.lower(), *place, north_deg, *velocity, *reading))
-
-    def _tell_in_time(self, event: Event) -> None:
+    def _emit_in_time(self, event: Event) -> None:
         """Emit an event of the mission, whose clock does not run in gaps."""
         self._emit(replace(event, time_s=event.time_s + self._skipped_s))
 

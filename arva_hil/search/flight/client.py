@@ -26,10 +26,9 @@ from arva_hil.search.flight.dry_run import DryRun
 from arva_hil.search.flight.permission import Permission
 from arva_hil.search.flight.preflight import Preflight
 from arva_hil.search.flight.receiver_link import ReceiverLink
-from arva_hil.search.mission.conclusion import conclusion, kind_of, outcome_of
 from arva_hil.search.mission.ground import Ground
 from arva_hil.search.mission.mission import Mission
-from arva_hil.search.mission.outcome import Kind, Outcome, Refusal, SearchStep
+from arva_hil.search.mission.outcome import Kind, Outcome, Refusal, SearchStep, conclusion, kind_of, outcome_of
 from arva_hil.search.strategies.analysis import Worker
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.team.team import Teammate
@@ -89,9 +88,7 @@ class SearchClient:
         self._flight = Flight(*flown, start=start, emit=emit_later, log=log, team=team, host=host_of, worker=worker)
         self._dry_run: DryRun | None = None
         if plan.dry_run:
-            grounded = plan, session, self._ground
-            rows = log or (lambda _: None)
-            self._dry_run = DryRun(*grounded, start=start, emit=emit_later, log=rows, worker=worker)
+            self._dry_run = DryRun(plan, session, self._ground, start=start, emit=emit_later, log=log, worker=worker)
         self._emit = emit
         self._next_step = self._now_s = start
         self._begin = self._commander.take_over if plan.take_over else self._commander.launch
@@ -133,7 +130,7 @@ class SearchClient:
                 self._preflight.watch_link(now)
             frames = self._receiver.read(now)
             for frame in frames:
-                (self._dry_run or self._flight).hear(frame, now)
+                (self._dry_run or self._flight).on_frame(frame, now)
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
                 self._step(now)

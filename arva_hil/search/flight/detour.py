@@ -1,18 +1,113 @@
-"""The answer to a vehicle that does not follow its set-points: another way once, then the end of the search."""
+"""The check that a vehicle follows its set-points; if it does not, another way once, then the end of the search.
+
+The horizontal velocity ordered is compared with the motion reported. Velocities are complex numbers, north + i·east.
+Over a window the motion is fitted as a multiple of the order. The factor is 1 for a vehicle that follows, 0 for one
+that stands, i for one that flies 90° to the right of the order.
+"""
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections import deque
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
-from arva_hil.autopilot.commanding.set_point_check import SetPointCheck
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import SetPointsNotFollowed
 from arva_hil.search.strategies.strategy import Position
 
 _ASIDE_S: Final = 6.0  # longer than the check needs
+_WINDOW_S: Final = 5.0  # of an order that the vehicle has had time to follow
+_LEAST: Final = 2.5  # m²/s, the sum of squared orders: a slower order needs a longer window
+_OLDEST_S: Final = 30.0
+_GAP_S: Final = 1.0  # between two observations: the check begins again
+_ACCELERATION: Final = 1.0  # m/s², of the slowest vehicle to be expected
+_SETTLED: Final = 0.5  # of the order: the slowest vehicle deviates by less
+_SLOW: Final = 0.2  # of the order, and m/s: less, by the reported velocity, is not followed,
+_DRIFT: Final = 0.5  # nor by the reported position, which drifts
+_ASTRAY: Final = 0.5  # of the order, and m/s: a vehicle that does not follow and is faster flies elsewhere
+
+
+class Deviation(NamedTuple):
+    """A vehicle that does not follow: what it was ordered to fly in the window [s, m], and what it flew [m].
+
+    `off_deg`: the direction flown, to the right of the one ordered; None if the vehicle hardly moves.
+    """
+
+    seconds: float
+    ordered_m: float
+    flown_m: float
+    off_deg: float | None
+
+
+class _Sample(NamedTuple):
+    """One step of the comparison of commanded and flown velocity.
+
+    The fields are its end and length [s], the integral of the squared command [m²/s], and the integrals of the
+    conjugate command times the motion: by the reported velocity, and by the position.
+    """
+
+    time_s: float
+    seconds: float
+    squared: float
+    products: tuple[complex, complex]
+
+
+class SetPointCheck:
+    """Remembers the window, the last order, and the velocity of the slowest vehicle to be expected."""
+
+    def __init__(self) -> None:
+        self._window: deque[_Sample] = deque()
+        self._last: tuple[float, complex, complex] | None = None  # time, order and place at the last observation
+        self._slowest = 0j  # the velocity of a vehicle that accelerates by no more than `_ACCELERATION`
+
+    def restart(self) -> None:
+        """Forget everything: the vehicle was not steered, or the deviation was reported."""
+        self._window.clear()
+        self._last = None
+
+    def observe(self, time_s: float, order: Position, position: Position, velocity: Position) -> Deviation | None:
+        """Use the `order` that leaves now, and the position and velocity that the vehicle reports now.
+
+        Returns the deviation if the vehicle does not follow.
+        """
+        place, moving = complex(*position[:2]), complex(*velocity[:2])
+        last, self._last = self._last, (time_s, complex(*order[:2]), place)
+        if last is None or time_s - last[0] > _GAP_S:
+            self._window.clear()
+            self._slowest = moving
+            return None
+        before_s, ordered, there = last
+        seconds = time_s - before_s
+        lag = ordered - self._slowest
+        self._slowest += lag * min(1.0, _ACCELERATION * seconds / max(abs(lag), 1e-9))
+        if abs(lag) <= _SETTLED * abs(ordered):
+            along = ordered.conjugate()
+            products = along * moving * seconds, along * (place - there)
+            self._window.append(_Sample(time_s, seconds, abs(ordered) ** 2 * seconds, products))
+        return self._judge(time_s)
+
+    def _judge(self, time_s: float) -> Deviation | None:
+        window = self._window
+        while window and (time_s - window[0].time_s > _OLDEST_S or _is_enough(list(window)[1:])):
+            window.popleft()
+        if not _is_enough(list(window)):
+            return None
+        seconds, squared = sum(s.seconds for s in window), sum(s.squared for s in window)
+        by_velocity, by_position = (sum(values) / squared for values in zip(*(s.products for s in window), strict=True))
+        speed = math.sqrt(squared / seconds)
+        scale = min(1.0, 1.0 / speed)
+        if by_velocity.real >= _SLOW * scale or by_position.real >= _DRIFT * scale:
+            return None
+        astray = min(abs(by_velocity), abs(by_position)) > _ASTRAY * scale
+        off_deg = math.degrees(cmath.phase(by_velocity)) if astray else None
+        return Deviation(seconds, speed * seconds, abs(by_velocity) * speed * seconds, off_deg)
+
+
+def _is_enough(window: list[_Sample]) -> bool:
+    return sum(s.seconds for s in window) >= _WINDOW_S - 1e-6 and sum(s.squared for s in window) >= _LEAST
 
 
 class Detour:

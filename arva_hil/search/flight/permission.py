@@ -52,7 +52,7 @@ class Permission:
         """True while a person is being asked."""
         return self._asked is not None and not self._said
 
-    def hear(self, received: Received) -> None:
+    def on_packets(self, received: Received) -> None:
         """Use what the session received."""
         self._compare()
         self._check.hear(received)

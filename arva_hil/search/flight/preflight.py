@@ -7,10 +7,9 @@ from collections.abc import Callable
 from typing import Any, Final, Literal
 
 from arva_hil.autopilot.commanding.complaints import Battery
-from arva_hil.autopilot.commanding.fence import fence_of
 from arva_hil.autopilot.commanding.sticks import Sticks
-from arva_hil.autopilot.commanding.vehicle_checks import Failsafes
-from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4
+from arva_hil.autopilot.commanding.vehicle_checks import Failsafes, fence_of
+from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4, modes_of
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
@@ -22,7 +21,6 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.flight.airborne import OLD_S
 from arva_hil.search.flight.claim import QUIET_S
-from arva_hil.search.flight.hover import Hover
 from arva_hil.search.flight.permission import Permission
 from arva_hil.search.flight.receiver_link import ReceiverLink
 from arva_hil.search.mission.outcome import Kind, Refusal
@@ -30,8 +28,51 @@ from arva_hil.search.strategies.plan import SearchPlan
 
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _PARAMETER: Final = dialect.MAVLINK_MSG_ID_PARAM_VALUE
+_STILL_M_S: Final = 0.5
+_STILL_S: Final = 1.0
+_LOWEST_M: Final = 1.0  # above home
+_ARDUPILOT_HOVERS: Final = frozenset(
+    (dialect.COPTER_MODE_AUTO, dialect.COPTER_MODE_GUIDED, dialect.COPTER_MODE_LOITER, dialect.COPTER_MODE_BRAKE)
+)
+_PX4_HOVERS: Final = frozenset((4 << 16 | 3 << 24, 4 << 16 | 4 << 24))  # hold, mission
 
 _Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
+
+
+class Hover:
+    """The check before a search takes over a vehicle in the air: it hovers, in a mode that no pilot steers.
+
+    Remembers since when it hovers.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._since = math.inf
+
+    def why_not(self, now: float, mode: int) -> Reason | None:
+        """Return the reason why it cannot be taken over now, None if it can. Call it a few times a second."""
+        why = self._why_not(mode)
+        self._since = math.inf if why else min(self._since, now)
+        if not why and now - self._since < _STILL_S:
+            return because(Why.JUST_STOPPED)
+        return why
+
+    def _why_not(self, mode: int) -> Reason | None:
+        vehicle, place, home = self._session.vehicle, self._session.track.last_position, self._session.home
+        if vehicle is None or place is None or home is None:
+            return because(Why.HOME_UNKNOWN)
+        if not vehicle.armed:
+            return because(Why.NOT_ARMED)
+        try:
+            modes = modes_of(vehicle)
+        except ValueError as error:
+            return because(Why.ERROR, text=str(error))
+        if mode not in (_PX4_HOVERS if modes.px4 else _ARDUPILOT_HOVERS):
+            return because(Why.IN_MODE, mode=modes.name(mode))
+        height, speed = place.alt - home[2], math.hypot(*place.velocity)
+        if height < _LOWEST_M:
+            return because(Why.NEAR_HOME, height_m=height, least_m=_LOWEST_M)
+        return because(Why.MOVES, speed=speed) if speed >= _STILL_M_S else None
 
 
 class Preflight:
@@ -86,9 +127,8 @@ class Preflight:
                 self._watch_mode(message)
             else:
                 self.failsafes.hear(message)
-        for listener in (self._permission, self._hover):
-            if listener:
-                listener.hear(received)
+        if self._permission:
+            self._permission.on_packets(received)
 
     def _watch_mode(self, heartbeat: Any) -> None:
         mode, px4 = heartbeat.custom_mode, heartbeat.autopilot == dialect.MAV_AUTOPILOT_PX4
@@ -142,7 +182,7 @@ class Preflight:
             return self._lack("frame", now, "no link", lambda: silence(now))
         if not self._has_pose(now):
             return self._lack("pose", now, "failed", lambda: because(Why.NO_POSE, lacking=session.why_no_pose()))
-        if self._hover and (moving := self._hover.why_not(now)):
+        if self._hover and (moving := self._hover.why_not(now, -1 if self._mode is None else self._mode)):
             return self._lack("hover", now, "failed", lambda: because(Why.CANNOT_TAKE_OVER, because=moving))
         battery = self._battery.why(now)
         if battery is Why.BATTERY_LOW:

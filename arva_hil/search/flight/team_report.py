@@ -10,10 +10,10 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.teams import TeammateBack, TeammateLost
 from arva_hil.model.field.geodesy import LocalFrame
-from arva_hil.search.flight.frames_told import as_position
 from arva_hil.search.mission.choice import NO_ID
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import lla
+from arva_hil.search.strategies.strategy import as_position
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_news import HeardAt
 

@@ -10,6 +10,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import TooLow
 from arva_hil.search.mission.ground import Height
 from arva_hil.search.strategies.strategy import STILL, Position, towards
+from arva_hil.search.team.team import Teammate
 
 _GAIN: Final = 1.0  # 1/s; k_z of the paper
 _CLIMB: Final = 1.0  # m/s
@@ -30,6 +31,7 @@ _REST_M: Final = 0.5  # above that height: there it comes to rest above the plac
 _LAST_SPEED: Final = 0.3  # m/s, down, for the last metres
 _LAST_M: Final = 2.0
 _WAIT_S: Final = 5.0  # for it to come to rest, low
+_MOST_DESCENTS: Final = 3  # descents, while another one stays below
 _LIMIT_S: Final = 30.0  # plus 5 s per metre; then it lands where it is
 
 
@@ -114,3 +116,35 @@ class Descent:
         level = floor if self._settled else rest
         down = max(-_SINK, min(_GAIN * (height.metres - level), fastest))
         return *towards(position, self.place, self._speed), down if above else min(down, 0.0)
+
+
+class TeamDescent(Descent):
+    """A descent that uses the places of the other vehicles at each step.
+
+    While another vehicle stays below it begins again, at most twice; then it is `blocked`.
+    """
+
+    def __init__(self, team: Teammate, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:
+        super().__init__(place, speed, start_s, height)
+        self._team = team
+        self._wanted = place
+        self._left = _MOST_DESCENTS
+
+    def velocity(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
+        self.place = self._team.beside(self._wanted)
+        velocity = super().velocity(time_s, position, height)
+        if self.done and not self.blocked and self._team.above_another(position):
+            self._left -= 1
+            self.blocked = not self._left
+            if not self.blocked:
+                super().__init__(self._wanted, self._speed, time_s, height.metres)
+        return velocity
+
+
+def descent_of(
+    team: Teammate | None, place: tuple[float, float], speed: float, start_s: float, height: float
+) -> Descent:
+    """The way down onto a place (north, east), in a team not onto another vehicle."""
+    if team is None:
+        return Descent(place, speed, start_s, height)
+    return TeamDescent(team, place, speed, start_s, height)

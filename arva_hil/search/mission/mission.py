@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
-from arva_hil.events.searches import DescentBegun
-from arva_hil.search.mission.beliefs import Beliefs
+from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound
 from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations
 from arva_hil.search.mission.ground import Height
-from arva_hil.search.mission.height import Descent, HeightKeeper
+from arva_hil.search.mission.height import Descent, HeightKeeper, descent_of
 from arva_hil.search.mission.last_look import AGREES, LISTEN, LOOK_AGAIN, LastLook
-from arva_hil.search.mission.pauses import Pauses
+from arva_hil.search.mission.reading_checks import Pauses
 from arva_hil.search.mission.receiver_host import ReceiverHost
-from arva_hil.search.mission.team_descent import descent_of
 from arva_hil.search.mission.victims import Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.guidance import Guidance
@@ -36,6 +34,7 @@ from arva_hil.search.team.team_strips import TeamStrips, strips_of
 from firmware_proto import Frame
 
 _THERE_M: Final = 0.5  # from the place found
+_BELIEF_S: Final = 0.5  # between estimates that are reported
 _LONG_S: Final = 240.0  # on the way to one transmitter: then another one of a team may have more luck
 
 
@@ -88,14 +87,14 @@ class Mission:
         self._descent: Descent | None = None
         self._land = land
         self._emit = emit
-        self._beliefs = Beliefs(emit)
+        self._belief_s = -math.inf  # when an estimate may be reported next
         self._team = team
         self._shares = team is not None or self.victims.several  # it expects more than one transmitter
 
-    def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
+    def on_frame(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
         self.frames += 1
-        if not self._pauses.hear(frame, position, time_s):
+        if not self._pauses.on_frame(frame, position, time_s):
             return
         every, heard = observations(frame, time_s, position, rotation, self._keeper.ground), []
         for id_, o in every.items():
@@ -103,7 +102,7 @@ class Mission:
                 heard.append(id_)
                 self._choice.note(id_, o)
         if self.victims.several:
-            self.victims.hear(frame, time_s)
+            self.victims.on_frame(frame, time_s)
         if not self.ended and self.found is None:
             masked = self._shares and hidden(frame, self.target)
             self._choice.choose(heard, time_s, masked=masked)
@@ -308,8 +307,11 @@ class Mission:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self.found, self.sure, self._dipole = answer.found, answer.sure, answer.dipole
-            self._beliefs.found(time_s, id_of(target), answer.found, answer.sure)
-        self._beliefs.look(time_s, id_of(target), answer.belief)
+            north, east, _, covariance, _ = answer.found
+            self._emit(PlaceFound(time_s, id_of(target), north, east, covariance, answer.sure))
+        if answer.belief is not None and time_s >= self._belief_s:
+            self._belief_s = time_s + _BELIEF_S
+            self._emit(BeliefChanged(time_s, id_of(target), *answer.belief))
 
     def _repeated(self, target: int, found: Found, sure: bool, time_s: float, position: Position) -> bool:
         """Return True if a place is found already, or is to be searched again."""

@@ -66,12 +66,13 @@ def probing_order(victims: list[Victim]) -> tuple[Victim, ...]:
 class Victims:
     """Remembers who was found, under which ids, who is marked, and who is put aside.
 
-    `wanted`: how many are searched for, None: all. `host`: the receiver's, None if it takes no commands. `emit` gets
-    the events.
+    `wanted`: how many are searched for, None: all; `several`: not exactly one. `host`: the receiver's, None if it takes
+    no commands. `emit` gets the events.
     """
 
     def __init__(self, wanted: int | None, host: ReceiverHost | None, emit: Callable[[Event], None]) -> None:
         self.wanted = wanted
+        self.several = wanted != 1
         self.places: list[Victim] = []
         self.noting = False  # a place is added, and not told yet
         self._host = host
@@ -88,11 +89,6 @@ class Victims:
         self._tried: dict[int, float] = {}  # when it was tried last
         if host is not None and self.several:
             host.ask(IDENTIFY)
-
-    @property
-    def several(self) -> bool:
-        """True if more than one transmitter is searched for."""
-        return self.wanted != 1
 
     @property
     def enough(self) -> bool:
@@ -118,7 +114,7 @@ class Victims:
         every = set(heard)
         return None if NO_ID in every or not self._known else len(every - self._known.keys())
 
-    def hear(self, frame: Frame, time_s: float) -> None:
+    def on_frame(self, frame: Frame, time_s: float) -> None:
         """A frame: marks that are lost, and who was heard together with whom."""
         ids = {channel.id for channel in frame.channels if channel.id is not None}
         self._together |= {frozenset((a, b)) for a in ids for b in ids if a < b}

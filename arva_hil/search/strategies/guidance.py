@@ -8,9 +8,8 @@ from typing import Final
 
 from arva_hil.events import Event
 from arva_hil.events.searches import StrategySlow
-from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order, Worker
+from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order, Worker, silent
 from arva_hil.search.strategies.strategy import STILL, Observation, Position, Velocity
-from arva_hil.search.strategies.strategy_checks import silent
 
 _HELD_S: Final = 1.0  # a velocity is flown for so long without a new one
 _MOST_ORDERS: Final = 256  # of a batch: a pipe takes these without waiting

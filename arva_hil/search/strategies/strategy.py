@@ -125,6 +125,12 @@ class Strategy(Protocol):
         """
 
 
+def as_position(place: NDArray[np.float64]) -> Position:
+    """Return a place as numbers of Python."""
+    north, east, down = place.tolist()
+    return north, east, down
+
+
 def towards(position: Position, place: tuple[float, float], speed: float, *, gain: float = 1.0) -> Velocity:
     """The velocity to a place: `speed` far from it, `gain` [1/s] times the distance near it."""
     north, east = place[0] - position[0], place[1] - position[1]

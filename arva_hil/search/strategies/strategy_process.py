@@ -16,9 +16,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
-from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order
+from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order, failed, killed
 from arva_hil.search.strategies.strategy import Strategy
-from arva_hil.search.strategies.strategy_checks import failed, killed
 
 _MEMORY: Final = 1 << 31  # bytes more than at the start; then a strategy gets a MemoryError
 _LONGEST: Final = 1 << 14  # bytes of an answer: a pipe passes these in one piece
