@@ -130,7 +130,7 @@ def frame_to_set_point() -> Way:
     plan = SearchPlan(STRATEGIES["flux"])
     loop = ClosedLoop(scenario, plan, wires=[wires], start=0.0, stream_hz=10.0)
     search, ways = loop.drones[0].search, []
-    run(loop.tasks, clock, until=60.0, stopped=lambda: bool(search.mission and search.mission.hunting))
+    run(loop.tasks, clock, until=60.0, stopped=lambda: bool(search.mission and search.mission.choice.hunting))
     for _ in range(10):
         run(loop.tasks, clock, until=clock.now() + 1.0)
         while any(link.ready() for link in search.links) or search.service(clock) <= clock.now():

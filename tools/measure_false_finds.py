@@ -105,8 +105,8 @@ def error(drone: Drone, world: Scenario, now: float) -> float | None:
     mission = drone.mission
     if mission is None or mission.found is None:
         return None
-    place, north, east = mission.found[:2], *drone.truth()[mission.target or 0]
-    moves = [f.by_ned for f in world.faults if f.by_ned and f.value == mission.target and _on(f, now)]
+    place, north, east = mission.found[:2], *drone.truth()[mission.choice.target or 0]
+    moves = [f.by_ned for f in world.faults if f.by_ned and f.value == mission.choice.target and _on(f, now)]
     true = [(north, east), *((north + move[0], east + move[1]) for move in moves)]
     return min(math.dist(place, one) for one in true)
 

@@ -163,10 +163,10 @@ class Drone:
 
     def _distance(self, place: tuple[float, float]) -> float | None:
         """Return the distance from a place to the transmitter searched for; to the nearest without ids."""
-        if self.mission is None or self.mission.target is None:
+        if self.mission is None or self.mission.choice.target is None:
             return None
         places = self.truth()
-        of = [places[self.mission.target]] if self.mission.target in places else places.values()
+        of = [places[self.mission.choice.target]] if self.mission.choice.target in places else places.values()
         return min(math.dist(place, true) for true in of)
 
 
@@ -243,8 +243,8 @@ class ClosedLoop:
     @property
     def found(self) -> set[int]:
         """The ids of the transmitters found surely."""
-        missions = [drone.mission for drone in self.drones]
-        return {m.target for m in missions if m and m.found is not None and m.sure and m.target is not None}
+        choices = [one.choice for drone in self.drones if (one := drone.mission) and one.found is not None and one.sure]
+        return {choice.target for choice in choices if choice.target is not None}
 
     def _berths(self, scenario: Scenario) -> list[Berth]:
         if not scenario.vehicles:

@@ -159,7 +159,7 @@ class World:
         self.until(lambda: self.client._commander.phase.name.lower() == phase)
 
     def hunt(self) -> None:
-        self.until(lambda: self.client.mission and self.client.mission.hunting and math.hypot(*self.ned[:2]) > 2)
+        self.until(lambda: self.client.mission and self.client.mission.choice.hunting and math.hypot(*self.ned[:2]) > 2)
 
     def pilot(self, mode: int) -> None:
         """Somebody else changes the mode, on another link."""

@@ -113,10 +113,10 @@ def test_strips_are_flown_until_something_is_heard(strategy: type[Scripted]) -> 
     m = mission(strategy, area=(-50, -50, 50, 50))
     north, east = heard(m, at_s=101.0, position=(0.0, 0.0, -2.0))
     assert math.hypot(north, east) == pytest.approx(1.0)
-    assert not m.hunting
+    assert not m.choice.hunting
     assert heard(m, beacon(5, 30), at_s=102.0) == NORTH
-    assert m.hunting
-    assert m.target == 5
+    assert m.choice.hunting
+    assert m.choice.target == 5
     assert [made.speed for made in strategy.made] == [1.0]
 
 
@@ -216,17 +216,17 @@ def test_a_strategy_is_told_what_the_frames_say_of_its_transmitter_and_where(str
 def test_it_goes_for_the_nearest_and_not_for_another_at_each_whim(strategy: type[Scripted]) -> None:
     m = mission(strategy)
     heard(m, beacon(1, 30), beacon(2, 20), at_s=101.0)
-    assert m.target == 2
+    assert m.choice.target == 2
     heard(m, beacon(1, 15), beacon(2, 20), at_s=102.0)
-    assert m.target == 2
+    assert m.choice.target == 2
     heard(m, beacon(1, 13), beacon(2, 20), at_s=103.0)
     heard(m, beacon(1, 13), beacon(2, 15), at_s=103.9)
     heard(m, beacon(1, 13), beacon(2, 20), at_s=104.8)
-    assert m.target == 2  # it was farther only for a moment, as near a dead antenna
+    assert m.choice.target == 2  # it was farther only for a moment, as near a dead antenna
     heard(m, beacon(1, 13), beacon(2, 20), at_s=105.8)
-    assert m.target == 1
+    assert m.choice.target == 1
     heard(m, beacon(1, 13), beacon(2, 10), at_s=106.0)
-    assert m.target == 1
+    assert m.choice.target == 1
     assert len(strategy.made) == 2
     heard_2, heard_1, *chosen = m.news()
     assert isinstance(heard_1, TransmitterHeard)
@@ -250,7 +250,7 @@ def test_no_more_is_remembered_than_has_to_be(strategy: type[Scripted]) -> None:
     m = mission(strategy)
     for n in range(1000):
         heard(m, *(beacon((n + k) % 250, 20) for k in range(4)), at_s=101.0 + n)
-    assert len(m.heard) == 16
+    assert len(m.choice.heard) == 16
     record = TransmitterReadings()
     for n in range(1000):
         record.add(Observation(n, AT, LEVEL, 2000, 0, False))
@@ -261,7 +261,7 @@ def test_frames_without_numbers_are_of_one_transmitter_the_nearest(strategy: typ
     m = mission(strategy)
     heard(m, beacon(None, 9, 10), beacon(None, 30, 20), at_s=101.0)
     heard(m, beacon(None, 31, 20), beacon(None, 8, 11), at_s=102.0)
-    assert m.target == NO_ID
+    assert m.choice.target == NO_ID
     assert [(o.d_cm, o.delta_deg) for o in strategy.made[0].heard] == [(900, 10), (800, 11)]
     chosen = [event for event in m.news() if isinstance(event, TransmitterChosen)]
     assert [(event.transmitter, event.distance_m) for event in chosen][-1:] == [(None, 9.0)]
@@ -280,10 +280,10 @@ def test_a_transmitter_that_is_heard_no_more_is_looked_for_in_strips(strategy: t
     for now in range(102, 162):
         assert heard(m, at_s=float(now)) == NORTH
     assert heard(m, at_s=162.0) != NORTH
-    assert not m.hunting
+    assert not m.choice.hunting
     assert [event.transmitter for event in m.news() if isinstance(event, TransmitterFaded)] == [1]
     assert heard(m, beacon(2, 50), at_s=163.0) == NORTH
-    assert m.target == 2
+    assert m.choice.target == 2
 
 
 def test_a_transmitter_that_is_hardly_heard_is_put_off_until_it_is_nearer(strategy: type[Scripted]) -> None:
@@ -291,7 +291,7 @@ def test_a_transmitter_that_is_hardly_heard_is_put_off_until_it_is_nearer(strate
     heard(m, beacon(1, 69), at_s=101.0)
     for now in range(102, 142):  # at the limit of the range, in one frame of eight
         heard(m, *([beacon(1, 63)] if now % 8 == 0 else []), at_s=float(now))
-    assert not m.hunting
+    assert not m.choice.hunting
     assert [(event.transmitter, event.hardly) for event in m.news() if isinstance(event, TransmitterFaded)] == [
         (1, True)
     ]
@@ -299,13 +299,13 @@ def test_a_transmitter_that_is_hardly_heard_is_put_off_until_it_is_nearer(strate
     assert heard(m, beacon(1, 50), at_s=143.0) == NORTH
     for now in range(144, 300):  # in each second frame it is flown to
         heard(m, *([beacon(1, 50)] if now % 2 else []), at_s=float(now))
-    assert m.hunting
+    assert m.choice.hunting
     for now in range(300, 352):  # silent for a while, it is as near as it was
         heard(m, *([beacon(1, 50)] if now in (320, 351) else []), at_s=float(now))
-    assert not m.hunting
+    assert not m.choice.hunting
     for now in range(352, 357):
         heard(m, beacon(1, 50), at_s=float(now))
-    assert m.hunting
+    assert m.choice.hunting
 
 
 def test_a_transmitter_lost_before_it_came_nearer_is_put_off_too(strategy: type[Scripted]) -> None:
@@ -314,12 +314,12 @@ def test_a_transmitter_lost_before_it_came_nearer_is_put_off_too(strategy: type[
     heard(m, beacon(1, 60), at_s=101.0)
     for now in range(102, 163):
         heard(m, at_s=float(now))
-    assert not m.hunting
+    assert not m.choice.hunting
     assert heard(m, beacon(1, 60), at_s=163.0) != NORTH
     assert heard(m, beacon(1, 47), at_s=164.0) == NORTH
     for now in range(165, 227):  # nearer than when it was chosen before, not put off
         heard(m, *([beacon(1, 30)] if now == 165 else []), at_s=float(now))
-    assert not m.hunting
+    assert not m.choice.hunting
     assert heard(m, beacon(1, 45), at_s=227.0) == NORTH
 
 
@@ -332,7 +332,7 @@ def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scri
     assert set(m.others) == {1, 2}  # while none is found
     strategy.finds = Found(5.0, 6.0)
     heard(m, beacon(1, 5), beacon(2, 50), at_s=104.0, position=(5.0, 6.0, -1.0))
-    assert (in_words(m.ended), m.target, m.found) == (FOUND, 1, Found(5.0, 6.0))
+    assert (in_words(m.ended), m.choice.target, m.found) == (FOUND, 1, Found(5.0, 6.0))
     ((id_, other),) = m.others.items()
     assert (id_, other.nearest_m, other.nearest_at) == (2, 35.0, (2.0, 2.0))
     heard(m, beacon(2, 30), at_s=105.0, position=(4.0, 4.0, -1.0))  # on the way down
@@ -344,7 +344,7 @@ def test_frames_that_hear_nothing_are_no_signal(strategy: type[Scripted]) -> Non
     m = mission(strategy)
     nothing = [Channel(), Channel(4, MID, 0, 0), Channel(5, MID, -1, -1), Channel(6, MID, -500, 10)]
     heard(m, *nothing, at_s=101.0)
-    assert (m.target, m.heard, m.frames) == (None, {}, 1)
+    assert (m.choice.target, m.choice.heard, m.frames) == (None, {}, 1)
 
 
 # -- frames stop -------------------------------------------------------------------------------------------
@@ -612,7 +612,7 @@ def test_a_reading_said_again_elsewhere_tells_nothing_though_another_transmitter
     assert [(o.position[0], o.heard) for o in told.heard] == [(0.0, True)]
     heard(m, beacon(1, 8, 20), beacon(2, 26, 20), at_s=105.0, position=(4.0, 0.0, -1.0))
     assert [(o.position[0], o.heard) for o in told.heard] == [(0.0, True), (4.0, True)]
-    assert m.heard[2].last_m == 26.0
+    assert m.choice.heard[2].last_m == 26.0
 
 
 def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(strategy: type[Scripted]) -> None:

@@ -287,10 +287,10 @@ def test_it_says_when_it_leaves_its_transmitter_to_another_search() -> None:
     mission = Mission(SearchPlan(STRATEGIES["flux"]), 0.0, (0.0, 0.0, -3.0), team=mate, emit=said.append)
     heard = Frame(1, 1, (Channel(7, 1, 2000, 0),))
     mission.on_frame(heard, 1.0, (0.0, 0.0, -3.0), np.eye(3))
-    assert mission.target == 7
+    assert mission.choice.target == 7
     mate.hear(told(0, found=(7,)))
     mission.on_frame(Frame(2, 1, heard.channels), 2.0, (1.0, 0.0, -3.0), np.eye(3))
-    assert mission.target is None
+    assert mission.choice.target is None
     assert [event.transmitter for event in said if isinstance(event, TransmitterLeft)] == [7]
 
 
@@ -492,7 +492,7 @@ class Field:
 def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> None:
     field = Field("flux")
     missions = [drone.search.mission for drone in field.loop.drones]
-    ids = [mission.target for mission in missions if mission and mission.found is not None]
+    ids = [mission.choice.target for mission in missions if mission and mission.found is not None]
     assert sorted(ids, key=str) == [1, 2]
     assert all(error is None or error < 1.5 for error in (drone.error() for drone in field.loop.drones))
     assert field.gap_m > 2.5

@@ -163,7 +163,7 @@ def test_a_receiver_that_marks_nobody_holds_up_nothing(says: str | None, tries: 
     said = {REFUSED: [], UNKNOWN: [UNKNOWN], None: ["no answer"]}[says]
     assert [event.answer for event in rescue.of(MarksNotTaken)] == said
     rescue.step(beacon(1, 2), beacon(2, 20))
-    assert rescue.mission.target == 2  # it is passed by all the same
+    assert rescue.mission.choice.target == 2  # it is passed by all the same
 
 
 def test_without_a_receiver_that_takes_commands_it_is_noted() -> None:
@@ -171,7 +171,7 @@ def test_without_a_receiver_that_takes_commands_it_is_noted() -> None:
     rescue.step(beacon(1, 9), beacon(2, 20))
     rescue.find(beacon(1, 2), beacon(2, 20))
     rescue.step(beacon(1, 2), beacon(2, 19))
-    assert rescue.mission.target == 2
+    assert rescue.mission.choice.target == 2
 
 
 def test_who_is_hidden_by_others_is_not_silent() -> None:
@@ -219,7 +219,7 @@ def test_a_mark_that_is_lost_is_said_and_made_again_near_by() -> None:
     assert receiver.marks == [1, 1]
     rescue.step(marked(1, 3), beacon(2, 18))
     assert rescue.mission.victims.places[0].marked
-    assert rescue.mission.target == 2
+    assert rescue.mission.choice.target == 2
 
 
 def test_who_is_led_back_says_so_and_counts_nobody_twice() -> None:
@@ -232,7 +232,7 @@ def test_who_is_led_back_says_so_and_counts_nobody_twice() -> None:
     assert [(event.transmitter, event.number) for event in rescue.of(VictimAgain)] == [(5, 1)]
     assert rescue.of(VictimAgain)[0].apart_m == pytest.approx(0.5)
     rescue.step(beacon(5, 2))
-    assert (len(rescue.mission.victims.places), in_words(rescue.mission.ended), rescue.mission.hunting) == (
+    assert (len(rescue.mission.victims.places), in_words(rescue.mission.ended), rescue.mission.choice.hunting) == (
         1,
         "",
         False,
@@ -298,10 +298,10 @@ def test_all_are_found_when_the_area_is_searched_and_nobody_is_left() -> None:
 
 def test_who_takes_too_long_waits_for_the_others() -> None:
     rescue = Rescue(2, limit_s=2000.0)
-    while rescue.mission.target in (None, 1):
+    while rescue.mission.choice.target in (None, 1):
         rescue.step(beacon(1, 9), beacon(2, 20))
         assert rescue.now < 400
-    assert rescue.mission.target == 2
+    assert rescue.mission.choice.target == 2
     assert rescue.now == pytest.approx(342, abs=3)
 
 
@@ -374,7 +374,7 @@ def two(vehicle: Any, **plan: Any) -> World:
 def between(world: World) -> None:
     """On the way from the first to the second."""
     mission = lambda: world.client.mission  # noqa: E731
-    world.until(lambda: mission() and len(mission().victims.places) == 1 and mission().hunting)
+    world.until(lambda: mission() and len(mission().victims.places) == 1 and mission().choice.hunting)
     world.pass_s(2)
 
 

@@ -10,7 +10,6 @@ from typing import Any, Final
 
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.mavlink.codec import command, dialect
-from arva_hil.mavlink.dialect import constructor
 
 _KINDS: Final = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DODECAROTOR DECAROTOR"
 _MULTIROTORS: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
@@ -63,8 +62,7 @@ class Modes:
         """A set-point: velocity [m/s, NED] and heading [rad]. It has an effect only in the mode `steer`."""
         still = (0.0, 0.0, 0.0)
         to = 0, vehicle.system, vehicle.component, dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
-        make = constructor(dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED)
-        return make(*to, *still, *velocity, *still, yaw, 0.0)
+        return dialect.MAVLink_set_position_target_local_ned_message(*to, *still, *velocity, *still, yaw, 0.0)
 
 
 _GUIDED: Final = dialect.COPTER_MODE_GUIDED

@@ -85,7 +85,9 @@ class MissionRun:
         if self._log is None:
             return
         frame, self._new_frame = self._new_frame, None
-        reading = reading_of(frame, self.mission.target if self.mission else None) if frame else (None,) * 4
+        reading: tuple[int | None, ...] = (None, None, None, None)
+        if frame is not None:
+            reading = reading_of(frame, self.mission.choice.target if self.mission else None)
         place, north_deg = as_position(state.position), math.degrees(heading(state.attitude))
         self._log(SearchStep(now - self._start, phase, *place, north_deg, *velocity, *reading))
 

@@ -70,13 +70,13 @@ class TeamReport:
         if mission is None:
             self._team.tell(now, place, flying=flying, searching=searching, lost=lost)
             return
-        target = mission.target
+        target = mission.choice.target
         searching = searching and not mission.ended
-        hunting = target if mission.hunting and searching else None
+        hunting = target if mission.choice.hunting and searching else None
         found = {victim.id for victim in mission.victims.places if victim.sure} - {NO_ID}
         if mission.found_surely and target is not None:  # not before the last check of its place
             found.add(target)
-        for id_, heard in mission.heard.items():
+        for id_, heard in mission.choice.heard.items():
             before = self._handed.get(id_)
             if id_ != NO_ID and (before is None or before.metres != heard.nearest_m):
                 at = lla(origin, *heard.nearest_at, 0.0)
@@ -86,7 +86,7 @@ class TeamReport:
             place,
             flying=flying,
             hunting=hunting,
-            hunting_m=math.inf if hunting is None else mission.heard[hunting].nearest_m,
+            hunting_m=math.inf if hunting is None else mission.choice.heard[hunting].nearest_m,
             found=tuple(found),
             heard=list(self._handed.values()),
             searching=searching,

@@ -114,13 +114,13 @@ class Choice:
 
         `ids`: of a frame; `masked`: it may lack the one that is flown to because of others.
         """
-        if self.target is not None and self.hunting and time_s - self.since_s > self._most_s:
-            self._put_off[self.target] = self.heard[self.target].nearest_m, time_s
-            self._emit(TransmitterLeft(time_s, id_of(self.target)))
-            self.leave()
-        if self.target is not None and self.hunting and self._passes(self.target, True):
-            self._emit(TransmitterLeft(time_s, id_of(self.target)))
-            self.leave()
+        if self.target is not None and self.hunting:
+            late = time_s - self.since_s > self._most_s
+            if late:
+                self._put_off[self.target] = self.heard[self.target].nearest_m, time_s
+            if late or self._passes(self.target, True):
+                self._emit(TransmitterLeft(time_s, id_of(self.target)))
+                self.leave()
         current = self.heard.get(self.target) if self.target is not None else None
         if self.target is not None and current is not None and self.hunting:
             hardly = not masked and self._hardly_heard(current, self.target in ids, time_s)
@@ -130,7 +130,8 @@ class Choice:
             if hardly or deaf:
                 self._abandon()
                 self._emit(TransmitterFaded(time_s, id_of(self.target), hardly))
-        heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._passes(id_, self._is(id_))}
+        known = [id_ for id_ in ids if id_ in self.heard]
+        heard = {id_: self.heard[id_] for id_ in known if not self._passes(id_, self.hunting and id_ == self.target)}
         for id_, (metres, since_s) in self._put_off.items():
             self._put_off[id_] = metres, since_s if id_ in ids or masked else time_s
             enough_m = metres if time_s - since_s >= _STEADY_S else _CLOSER * metres
@@ -179,9 +180,6 @@ class Choice:
             return False
         self._block = time_s, 0, 0, current.nearest_m
         return 0 < often < _OFTEN * frames and current.nearest_m > _CLOSER * nearest_m
-
-    def _is(self, id_: int) -> bool:
-        return id_ == self.target and self.hunting
 
     def _abandon(self) -> None:
         self.hunting = False

@@ -7,7 +7,7 @@ than one is searched for, each place is noted and marked, and the search goes on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import Final
 
@@ -45,6 +45,7 @@ class Mission:
     - `sure`: the readings agree with the places found. `victims`: those of several.
     - `start_s`: the end of the take-off.
     - `land`: after the search it descends onto the place found, until `over`, when only landing or hovering is left.
+    - `choice`: the transmitters received, and the one that it flies to.
     - `emit`: gets the events.
     - `team`: the other searches; transmitters of theirs are passed by.
     - `host`: commands to the receiver.
@@ -80,8 +81,8 @@ class Mission:
         self.victims = Victims(plan.victims, host, emit)
         worker = worker or Inline(partial(plan.strategy, plan.speed))
         self._guidance = Guidance(worker, emit, plan.patience_s)
-        self._choice = Choice(self._guidance, self._passes, emit, _LONG_S if team else math.inf)
-        self._last_look = LastLook(self._choice, self._guidance, emit)
+        self.choice = Choice(self._guidance, self._passes, emit, _LONG_S if team else math.inf)
+        self._last_look = LastLook(self.choice, self._guidance, emit)
         self._dipole: NDArray[np.float64] | None = None  # at the place found
         self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
@@ -100,15 +101,15 @@ class Mission:
         for id_, o in every.items():
             if not self._pauses.repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
                 heard.append(id_)
-                self._choice.note(id_, o)
+                self.choice.note(id_, o)
         if self.victims.several:
             self.victims.on_frame(frame, time_s)
         if not self.ended and self.found is None:
-            masked = self._shares and hidden(frame, self.target)
-            self._choice.choose(heard, time_s, masked=masked)
-            if self.hunting and self.target in heard:
-                self._guidance.observe(every[self.target], self._keeper.wanted)
-            elif self.hunting and not masked and not self._pauses.repeats(id_of(self.target)):
+            masked = self._shares and hidden(frame, self.choice.target)
+            self.choice.choose(heard, time_s, masked=masked)
+            if self.choice.hunting and self.choice.target in heard:
+                self._guidance.observe(every[self.choice.target], self._keeper.wanted)
+            elif self.choice.hunting and not masked and not self._pauses.repeats(id_of(self.choice.target)):
                 self._guidance.observe(Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted)
         self._use(self._guidance.exchange(time_s), time_s, position)
 
@@ -177,26 +178,12 @@ class Mission:
         return self._land and (self.found is not None or self._team is not None)
 
     @property
-    def hunting(self) -> bool:
-        """True if the search flies to a transmitter; otherwise it flies strips."""
-        return self._choice.hunting
-
-    @property
-    def target(self) -> int | None:
-        """The id of the transmitter it flies to, or NO_ID; None before the first signal."""
-        return self._choice.target
-
-    @property
-    def heard(self) -> Mapping[int, HeardTransmitter]:
-        """The known state of each transmitter received, by its id."""
-        return self._choice.heard
-
-    @property
     def others(self) -> dict[int, HeardTransmitter]:
         """The transmitters that were heard and not found."""
+        heard, target = self.choice.heard, self.choice.target
         if self.victims.several:
-            return {id_: heard for id_, heard in self.heard.items() if not self.victims.knows(id_)}
-        return {id_: heard for id_, heard in self.heard.items() if self.found is None or id_ != self.target}
+            return {id_: one for id_, one in heard.items() if not self.victims.knows(id_)}
+        return {id_: one for id_, one in heard.items() if self.found is None or id_ != target}
 
     def _come_down(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         if self._descent is None:
@@ -231,8 +218,8 @@ class Mission:
             if stuck := self._pauses.stuck(time_s):
                 self._end(stuck, broken=True)
             return STILL
-        if self.hunting:
-            if self.victims.several and self.victims.put_aside(self._choice, self.others, time_s):
+        if self.choice.hunting:
+            if self.victims.several and self.victims.put_aside(self.choice, self.others, time_s):
                 return self._go_on(position)
             self._use(self._guidance.steer(time_s, receiver), time_s, position)
             return STILL if self.ended else self._guidance.velocity(time_s)
@@ -241,11 +228,11 @@ class Mission:
         velocity = self._strips.velocity(time_s, receiver)
         if not self._strips.exhausted:
             return velocity
-        if not self._twice and self.victims.back() | self._choice.forgive():
+        if not self._twice and self.victims.back() | self.choice.forgive():
             self._twice = True
             return self._strips.again()
         if self.victims.wanted or not self.victims.places or self.others:
-            how = {"heard": bool(self.heard), "twice": self._twice, "team": isinstance(self._strips, TeamStrips)}
+            how = {"heard": bool(self.choice.heard), "twice": self._twice, "team": isinstance(self._strips, TeamStrips)}
             return self._end(self.victims.not_all(Why.STRIPS_FLOWN, len(self.others), **how))
         return self._end_at_goal()
 
@@ -265,7 +252,7 @@ class Mission:
 
     def _note_victim(self, found: Found, time_s: float, position: Position, *, late: bool) -> Velocity:
         """Note the place, wait for the receiver to mark it, and go on to the next."""
-        victims, target = self.victims, self.target
+        victims, target = self.victims, self.choice.target
         assert target is not None
         if not victims.noting:
             self._twice = False
@@ -273,8 +260,8 @@ class Mission:
         if victims.settling and not late:
             return STILL
         if target == NO_ID:
-            self._choice.forget(target)
-        victims.note(self.heard, time_s)
+            self.choice.forget(target)
+        victims.note(self.choice.heard, time_s)
         self.sure = all(victim.sure for victim in victims.places)
         if victims.enough:
             return self._end_at_goal()
@@ -283,7 +270,7 @@ class Mission:
     def _go_on(self, position: Position) -> Velocity:
         """To the next transmitter, or back to the strips."""
         self.found = None
-        self._choice.leave()
+        self.choice.leave()
         self._strips.resume(position)
         return STILL
 
@@ -291,7 +278,7 @@ class Mission:
         """Return True if a transmitter is another search's, or found. Without ids that is unknown."""
         if id_ == NO_ID:
             return False
-        metres = self.heard[id_].nearest_m
+        metres = self.choice.heard[id_].nearest_m
         return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own, metres=metres))
 
     def _use(self, answer: AnalysisResult | None, time_s: float, position: Position) -> None:
@@ -301,7 +288,7 @@ class Mission:
         if answer.failed:
             self._end(because(Why.STRATEGY_FAILED, text=answer.failed), broken=True)
             return
-        if (target := self.target) is None or self.found is not None:
+        if (target := self.choice.target) is None or self.found is not None:
             return
         if answer.found is not None:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
@@ -318,7 +305,7 @@ class Mission:
         again = self.victims.same(target, found, time_s)
         if not again and (sure or not self.victims.doubt(target, found, time_s)):
             return False
-        self._choice.forget(target)
+        self.choice.forget(target)
         self._go_on(position)
         return True
 

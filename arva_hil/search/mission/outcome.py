@@ -90,7 +90,7 @@ def conclusion(mission: Mission) -> tuple[Kind, Reason]:
 
 def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tuple[Reason, ...]) -> Outcome:
     """The outcome. `origin`: the take-off point."""
-    id_, found, victims = mission.target, mission.found, probing_order(mission.victims.places)
+    id_, found, victims = mission.choice.target, mission.found, probing_order(mission.victims.places)
     if mission.victims.several:
         id_, found = (victims[0].id, victims[0].found) if victims else (None, None)
     lat_lon, take_off = None, None
