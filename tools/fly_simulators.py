@@ -46,6 +46,7 @@ from typing import Final
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from arva_hil.cli.common import run_first
 from arva_hil.mavlink.codec import command, dialect
 from tools.sitl.judge import BEGINS, SILENCE, Buried, Flight, Program, judge
 from tools.sitl.lies import LIES, Lie
@@ -242,9 +243,10 @@ def main(arguments: list[str]) -> int:
     if (options.slope or options.rangefinder) and options.binary.name != "arducopter":
         parser.error("--slope and --rangefinder are for arducopter")
     good = True
-    for flight in flights(options):
-        print(flight, flush=True)
-        good = good and flight.good
+    with run_first():  # the relay's threads need Python's lock
+        for flight in flights(options):
+            print(flight, flush=True)
+            good = good and flight.good
     return 0 if good else 1
 
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
+from arva_hil.cli.common import run_first
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
@@ -74,6 +75,17 @@ class Relay:
     def _to_vehicle(self, data: bytes) -> None:
         raise NotImplementedError
 
+    def _start(self, run: Callable[[], None]) -> threading.Thread:
+        """Run it in a thread that does not wait for a processor: busy cores must not look like a late search."""
+
+        def first() -> None:
+            with run_first():
+                run()
+
+        thread = threading.Thread(target=first, daemon=True)
+        thread.start()
+        return thread
+
     def _changed(self, data: bytes) -> bytes:
         """The bytes for the search, with the lie in them."""
         if self.lie is None:
@@ -130,7 +142,7 @@ class TcpRelay(Relay):
         self._vehicle: socket.socket | None = None
         self._search: socket.socket | None = None
         for run in (self._serve, self._pump):
-            threading.Thread(target=run, daemon=True).start()
+            self._start(run)
 
     def _serve(self) -> None:
         while self._vehicle is None and not self._ended.is_set():
@@ -178,9 +190,7 @@ class UdpRelay(Relay):
             self._search = free.getsockname()
         self.url = f"udpin:127.0.0.1:{self._search[1]}"
         self._vehicle: Any = None
-        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._serve, self._pump)]
-        for thread in self._threads:
-            thread.start()
+        self._threads = [self._start(run) for run in (self._serve, self._pump)]
 
     def _serve(self) -> None:
         while not self._ended.is_set():
