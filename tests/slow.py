@@ -60,6 +60,7 @@ SLOW: Final = {
     "cli/test_plugins.py": FLIGHTS,
     "cli/test_range_test.py::test_it_prints_a_sheet_and_leaves_it_with_a_table_and_a_picture_in_a_folder": DRAWN,
     "cli/test_record.py::test_ctrl_c_leaves_whole_files_that_hold_every_frame": PROCESS,
+    "cli/test_record_receiver.py::test_every_tool_reads_such_a_record": DRAWN,
     "cli/test_replay.py": REPLAYS,
     "cli/test_report.py": DRAWN,
     "cli/test_search.py": REAL_TIME,

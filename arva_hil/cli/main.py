@@ -66,6 +66,8 @@ COMMANDS: Final = {
     "replay": "emulate the receiver from a recorded flight (.tlog)",
     "demo": "search and find a transmitter, all simulated; no hardware",
     "search": "find the victim: read the receiver's port, fly the autopilot",
+    "record": "record a real receiver beside a real autopilot",
+    "decode": "decode the bytes of such a record once more",
     "report": "write a page about a record, or about two side by side",
     "plot": "draw a record or a campaign",
     "export": "write a record for maps, spreadsheets and other programs",

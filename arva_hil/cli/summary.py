@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from arva_hil import __version__
+from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import RealClock, utc
 from arva_hil.config import Scenario, to_dict
+from arva_hil.emulator.datum import Datum
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.ports import Port
@@ -79,13 +81,17 @@ def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout)
     }
 
 
-def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
-    known = vehicle.session.vehicle
+def vehicle_entries(known: Vehicle | None, datum: Datum) -> dict[str, Any]:
+    """The entries of run.json for a vehicle; None for one that was not found."""
     return {
         "vehicle": dataclasses.asdict(known) if known else None,
-        "datum": vehicle.world.datum.of_the_flight,
-        "datums": [change._asdict() | {"why": in_words(change.why)} for change in vehicle.world.datum.changes],
+        "datum": datum.of_the_flight,
+        "datums": [change._asdict() | {"why": in_words(change.why)} for change in datum.changes],
     }
+
+
+def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
+    return vehicle_entries(vehicle.session.vehicle, vehicle.world.datum)
 
 
 def _receiver(port: Port) -> dict[str, Any]:

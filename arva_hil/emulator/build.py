@@ -43,12 +43,12 @@ def transmitters(
     """
     every, ground = scenario.transmitters, ScenarioGround(scenario, frame, heights)
     places = [(_place(t, frame), None) if t.depth_m is None else ground.place(t) for t in every]
-    lost = np.array([down is not None and math.isnan(down) for _, down in places])
-    strengths = np.array([t.strength * _strength(t) for t in every])
+    lost = np.array([down is not None and math.isnan(down) for _, down in places], bool)
+    strengths = np.array([t.strength * _strength(t) for t in every], float)
     return Transmitters(
         tuple(t.id for t in every),
-        np.where(lost[:, None], 0.0, np.array([place for place, _ in places])),
-        np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]),
+        np.where(lost[:, None], 0.0, np.array([place for place, _ in places], float).reshape(-1, 3)),
+        np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]).reshape(-1, 3, 3),
         np.where(lost, 0.0, strengths),
         frozenset(t.id for t, silent in zip(every, lost, strict=True) if silent),
         keyings=tuple(_keying(t, scenario.seed) for t in every),

@@ -39,7 +39,7 @@ class Addressees(NamedTuple):
     """The senders to which the link writes without a peer: all that may be one of the vehicles."""
 
 
-_NOBODY: Final = Addressees(None, ())
+NOBODY: Final = Addressees(None, ())
 
 
 @dataclass(frozen=True)
@@ -184,14 +184,14 @@ class Emulator:
             self._check_port(link)
             for vehicle in self.vehicles:
                 vehicle.receive_commands(link, data, now)
-            return _NOBODY
+            return NOBODY
         packets, events = vehicles.receive(data, now, sender, whole=whole)
         for followed in self._followed.values():
             followed.on_packets(packets, now)
         if self.options.tell_packets:
             self._chunks.add(self._events, link, packets if vehicles.follows(sender) else (), now)
         self._events += events
-        return _NOBODY if sender is None else vehicles.addressees
+        return NOBODY if sender is None else vehicles.addressees
 
     def link_lost(self, link: str, why: str, now: float) -> None:
         """A link is lost: until `link_back` nothing can be sent there, and silence does not count."""

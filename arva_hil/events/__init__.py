@@ -147,9 +147,16 @@ class FrameMade(ReceiverEvent):
 
 
 class BytesSent(ReceiverEvent):
-    """Bytes that a port accepted: a frame, or what faults made of it."""
+    """Bytes that a port accepted: a frame, or what faults made of it. In a record of a real receiver: what came."""
 
     data: bytes
+
+
+class ReceiverRestarted(ReceiverEvent):
+    """A real receiver has restarted: its sequence number `after` does not follow `before`."""
+
+    before: int
+    after: int
 
 
 class CommandReceived(ReceiverEvent):

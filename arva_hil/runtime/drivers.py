@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Final
+from typing import Final, Protocol
 
 from arva_hil.clock import Clock, Waitable
-from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.engine import Addressees, Emulator, EngineOptions
 from arva_hil.emulator.ports import Output
-from arva_hil.events import LinkLost
+from arva_hil.events import Event, LinkLost
 from arva_hil.links import Link, LinkError
 from arva_hil.links.tlog_timeline import Record
 from arva_hil.runtime.audience import Audience
@@ -31,6 +31,29 @@ _PROMPT: Final = 8  # but those after each eighth read do not wait, because the 
 _SIGNALS_S: Final = 0.1  # a replay notices a signal within this time
 
 
+class Engine(Protocol):
+    """The calls that `Live` needs. `Emulator` explains them."""
+
+    @property
+    def options(self) -> EngineOptions: ...
+
+    def receive(self, link: str, data: bytes, now: float, sender: Hashable = None) -> Addressees: ...
+
+    def advance(self, now: float) -> None: ...
+
+    def output(self) -> list[Output]: ...
+
+    def written(self, output: int, accepted: bool, now: float) -> None: ...
+
+    def events(self) -> Sequence[Event]: ...
+
+    def next_deadline(self) -> float: ...
+
+    def link_lost(self, link: str, why: str, now: float) -> None: ...
+
+    def link_back(self, link: str, now: float) -> None: ...
+
+
 class Live:
     """Drives an engine with links and the loop's clock, and gives events to the audience. A task of the loop.
 
@@ -40,7 +63,7 @@ class Live:
     """
 
     def __init__(
-        self, emulator: Emulator, autopilots: Mapping[str, Link], ports: Mapping[str, Link], audience: Audience
+        self, emulator: Engine, autopilots: Mapping[str, Link], ports: Mapping[str, Link], audience: Audience
     ) -> None:
         self.emulator = emulator
         self.sinks = {**ports, **autopilots}

@@ -14,7 +14,7 @@ from arva_hil.cli.main import COMMANDS
 from .far_ends import Arva
 
 LINES = [
-    (["arva-hil", "re"], ["replay", "report"]),
+    (["arva-hil", "re"], ["record", "replay", "report"]),
     (["arva-hil", "replay", "--sp"], ["--speed"]),
     (["arva-hil", "--autop"], ["--autopilot"]),  # run is the default command
     (["arva-hil", "listen", "--format", "t"], ["text", "tunnel"]),

@@ -54,6 +54,11 @@ SENTENCES: list[tuple[Event, str, str]] = [
     ),
     (events.FollowedSystemSilent(1.0, 7, False), "warning", f"system 7 never sent anything: {SILENT}"),
     (events.FollowedSystemHeard(1.0, 7), "info", "system 7 sends its position: transmitters follow it"),
+    (
+        events.ReceiverRestarted(*RECEIVER, 140, 0),
+        "warning",
+        "the receiver has restarted: frame 0 follows frame 140",
+    ),
     (events.CommandReceived(*RECEIVER, 7, "mark", (3,)), "info", "command 7 of the host: mark 3"),
     (
         events.CommandAnswered(*RECEIVER, 7, "identify", "done", (4,), "paper 1.0 binary", True),

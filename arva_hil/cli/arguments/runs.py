@@ -98,6 +98,37 @@ def listen(parser: CommandParser) -> None:
     parser.option("--json", "print a JSON object for each frame on stdout")
 
 
+def record(parser: CommandParser) -> None:
+    """Record a real receiver beside a real autopilot: a folder that view, plot, report and export can read.
+
+    True ranges come from the places of --transmitter. The receiver's bytes are kept: `arva-hil decode` can decode
+    them later, in another format.
+    """
+    parser.add_argument("folder", metavar="DIR", help="folder to make")
+    shared.add_autopilot(parser)
+    parser.option("--receiver URL", "link to the receiver: /dev/ttyUSB0[,BAUD], tcp:HOST:PORT", link)
+    shared.add_format(parser, default="binary")
+    shared.add_surveyed(parser)
+    shared.add_target(parser)
+    shared.add_signing(parser)
+    shared.add_max_age(parser)
+    parser.option("--timeout S", "end if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0)
+    shared.add_duration(parser)
+
+
+def decode(parser: CommandParser) -> None:
+    """Decode the bytes of a record of `arva-hil record` once more, into another folder.
+
+    For another format, another vehicle in the same packets, or places that were surveyed later.
+    """
+    parser.add_argument("run", metavar="RECORD", help="folder of a record of `arva-hil record`")
+    parser.option("--out DIR", "folder to make", environment=False)
+    shared.add_format(parser, default="binary")
+    shared.add_surveyed(parser)
+    shared.add_target(parser)
+    shared.add_max_age(parser)
+
+
 def command(parser: CommandParser) -> None:
     """Send one command to a receiver and print its answer."""
     parser.add_argument("port", metavar="PORT", help="the receiver's port, e.g. /dev/ttyUSB0 or /tmp/arva0")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Final
 
-from arva_hil.cli.options import DEFAULT_AUTOPILOT, CommandParser, kind, link, number, whole
+from arva_hil.cli.options import DEFAULT_AUTOPILOT, CommandParser, kind, link, number, numbers, whole
 from arva_hil.config.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.registry import FORMATS, OBSERVERS
@@ -34,6 +34,12 @@ def add_scenario(parser: CommandParser) -> None:
     parser.option("--seed N", "seed of the noise and the faults", whole(0, LARGEST_SEED))
     how = "add a fault, e.g. drop=0.02@10-60, in seconds from the start; none removes all faults before it"
     parser.option("--fault NAME=VALUE@FROM-UNTIL", how, fault, action="append")
+
+
+def add_surveyed(parser: CommandParser) -> None:
+    """Add the option for surveyed transmitters."""
+    what = "surveyed place of a transmitter, degrees and m AMSL; may be repeated"
+    parser.option("--transmitter ID=LAT,LON,ALT", what, surveyed, action="append", environment=False)
 
 
 def add_autopilot(parser: CommandParser) -> None:
@@ -106,6 +112,24 @@ def add_web(parser: CommandParser, *, default: str = OFF) -> None:
         web,
         const=HostPort(),
     )
+
+
+_place: Final = numbers(
+    "LAT,LON,ALT in degrees and m AMSL",
+    (-90, 90),
+    (-180, 180),
+    (-500, 9000),
+    names=("latitude", "longitude", "altitude"),
+)
+
+
+def surveyed(text: str) -> tuple[int, float, float, float]:
+    """A converter for ID=LAT,LON,ALT."""
+    id_, equals, place = text.partition("=")
+    if not equals:
+        raise ValueError(f"{text!r}: expected ID=LAT,LON,ALT, e.g. 1=46.0123,7.7456,1650")
+    lat, lon, alt = _place(place)
+    return whole(0, 254)(id_), lat, lon, alt
 
 
 def fault(text: str) -> Fault | None:

@@ -148,6 +148,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     events.FramesLate: "warning: its frames are late, by {late_s:ms} now: this machine has too much to do; serve fewer "
     "vehicles, or lower rate_hz",
     events.FramesRefused: "warning: no program takes the frames: they are dropped until one reads them",
+    events.ReceiverRestarted: "warning: the receiver has restarted: frame {after} follows frame {before}",
     events.CommandReceived: "command {number} of the host: {name}{values:values}",
     events.CommandAnswered: "command {number} answered: {result}{text: {text}|}{values:values}"
     "{sent:|, which no program took}",

@@ -81,6 +81,8 @@ def _run(path: Path) -> tuple[RecordedRun, list[str]]:
         newer = f"record: {version!r:.20} is newer than this program, which reads up to {VERSION}: update arva-hil"
         raise RecordingError(path, newer)
     notes = [] if said.get("ended") is not None else [f"{path}: the run goes on, or was killed: no counters are there"]
+    if said.get("scenario") is None and RecordedRun(said, None).is_real:
+        return RecordedRun(said, None), notes
     try:
         return RecordedRun(said, parse(json.dumps(said.get("scenario")), f"{path}: scenario")), notes
     except ScenarioError as error:

@@ -17,7 +17,7 @@ from arva_hil.model.field import LocalFrame, MovingTransmitters
 from arva_hil.records.reading.receivers import RecordedReceiver
 from arva_hil.records.reading.search import RecordedSearch
 from arva_hil.records.reading.values import mapping, number, text
-from arva_hil.records.writing.layout import FILES
+from arva_hil.records.writing.layout import CHUNKS, FILES
 from arva_hil.records.writing.search_log import SEARCH_FILES
 
 Floats = NDArray[np.float64]
@@ -47,6 +47,11 @@ class RecordedRun:
 
     json: Mapping[str, Any]
     scenario: Scenario | None
+
+    @property
+    def is_real(self) -> bool:
+        """True if the frames came from a real receiver. Then a scenario has only its surveyed transmitters."""
+        return self.json.get("source") == "receiver"
 
     @property
     def ended(self) -> str:
@@ -112,7 +117,7 @@ class Recording:
     def files(self) -> list[str]:
         """The names of its files in the folder."""
         names = [path.relative_to(self.folder) for path in (*self.folder.glob("*"), *self.folder.glob("*/*/*"))]
-        return [str(name) for name in names if name.name in (*FILES, *SEARCH_FILES) or name.suffix == ".tlog"]
+        return [str(name) for name in names if name.name in (*FILES, CHUNKS, *SEARCH_FILES) or name.suffix == ".tlog"]
 
     @cached_property
     def span_s(self) -> tuple[float, float]:

@@ -49,9 +49,12 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
     yield "length", f"{end_s - begin_s:.1f} s"
     if run is None:
         return
-    yield "scenario", one_line(run.json.get("scenario_source", ""))
+    if run.is_real:
+        yield "receiver", one_line(f"a real one at {run.json.get('receiver')}, format {run.json.get('format')}")
+    else:
+        yield "scenario", one_line(run.json.get("scenario_source", ""))
     if run.scenario:
-        yield from _scenario(run.scenario)
+        yield from _scenario(run.scenario, real=run.is_real)
     if run.seed is not None:
         yield "seed", str(run.seed)
     yield "autopilot", ", ".join(_autopilots(recording)) or "none was found"
@@ -62,7 +65,7 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
     yield "versions", one_line(", ".join(versions))
 
 
-def _scenario(scenario: Scenario) -> Iterator[tuple[str, str]]:
+def _scenario(scenario: Scenario, *, real: bool) -> Iterator[tuple[str, str]]:
     for transmitter in scenario.transmitters[:_MOST_IDS]:
         where = "moving"
         if transmitter.ned is not None:
@@ -70,7 +73,10 @@ def _scenario(scenario: Scenario) -> Iterator[tuple[str, str]]:
             where = f"{north:g} m north, {east:g} m east, {down:g} m down of the datum"
         elif transmitter.lla is not None:
             where = f"{transmitter.lla.lat:.7f}, {transmitter.lla.lon:.7f}, {transmitter.lla.alt:g} m AMSL"
-        yield f"transmitter {transmitter.id}", f"{where}; strength {transmitter.strength:g}"
+        strength = "" if real else f"; strength {transmitter.strength:g}"
+        yield f"transmitter {transmitter.id}", where + strength
+    if real:
+        return
     receiver = scenario.receiver
     yield (
         "receiver",

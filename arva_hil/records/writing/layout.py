@@ -24,6 +24,8 @@ from arva_hil.safe_text import cell
 VERSION: Final = 1  # of the record, in run.json; a reader refuses a newer one
 FILES: Final = "autopilot.tlog frames.bin frames.csv readings.csv events.jsonl run.json".split()
 TLOG, FRAMES, TABLE, READINGS, EVENTS, RUN = FILES
+CHUNKS: Final = "chunks.csv"  # when the bytes in frames.bin came, in the record of a real receiver
+CHUNK_COLUMNS: Final = ("utc_us", "bytes")
 _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 
 
@@ -31,12 +33,15 @@ _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 class RecordLayout:
     """`receivers`: names of vehicle and receiver; `links`: the engine's names of the links that are recorded.
 
+    `real`: the frames come from a real receiver; the record has the times of its bytes too.
+
     The files of a single receiver are beside run.json, those of several in `VEHICLE/RECEIVER/`. The packets of a single
     link are in autopilot.tlog, those of several in autopilot-1.tlog, autopilot-2.tlog and so on.
     """
 
     receivers: tuple[tuple[str, str], ...] = ()
     links: tuple[str, ...] = ()
+    real: bool = False
 
     def tlog(self, link: str) -> str:
         """The file of a link's packets."""
@@ -64,6 +69,7 @@ class RecordLayout:
     def files(self) -> list[str]:
         """All files except run.json."""
         logs = [self.tlog(link) for link in self.links] or [TLOG]
+        logs += [CHUNKS] if self.real else []
         return [*logs, EVENTS, *(self.of_receiver(*names, file) for names in self._receivers for file in _OF_RECEIVERS)]
 
     @property

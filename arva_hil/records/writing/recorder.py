@@ -46,13 +46,17 @@ class Recorder(GrowingFiles):
         self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
         self._events = EventLines(epoch_us)
         about = {"record": names.VERSION, **NOT_ENDED, **(run or {})}
-        refuse_old(folder, [name for name in names.FILES if name not in layout.files], "a record")  # of another layout
+        refuse_old(
+            folder, [name for name in (*names.FILES, names.CHUNKS) if name not in layout.files], "a record"
+        )  # of another layout
         super().__init__(
             folder, layout.files, "a record", names.RUN, about, folders=layout.folders, patient=patient, clock=clock
         )
         for name, pending in self._pending.items():
             if name.endswith(names.READINGS):
                 pending += (",".join(names.COLUMNS) + "\n").encode()
+        if layout.real:
+            self._pending[names.CHUNKS] += (",".join(names.CHUNK_COLUMNS) + "\n").encode()
 
     def observe(self, event: Event) -> None:
         if isinstance(event, PacketsReceived):  # most are, and they have no line in events.jsonl
@@ -64,6 +68,9 @@ class Recorder(GrowingFiles):
         elif isinstance(event, BytesSent):
             pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, names.FRAMES)]
             pending += event.data
+            if self._layout.real:
+                came_us = self._epoch_us + round(event.time_s * 1e6)
+                self._pending[names.CHUNKS] += f"{came_us},{len(event.data)}\n".encode()
         elif isinstance(event, StatusReport):
             self._flush_now_and_then()
 

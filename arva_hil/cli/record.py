@@ -1,0 +1,191 @@
+"""`arva-hil record`: records a real receiver beside a real autopilot."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Any, Final
+
+from arva_hil.autopilot.following.session import Session
+from arva_hil.cli import common
+from arva_hil.cli.listen import guess_format
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.run_links import choose_autopilot, session, signing
+from arva_hil.cli.summary import known_at_start, vehicle_entries
+from arva_hil.cli.terminal import tell
+from arva_hil.clock import Clock, RealClock
+from arva_hil.config import Scenario
+from arva_hil.events.words.reasons import no_vehicle
+from arva_hil.links import Link, parse
+from arva_hil.links.reconnecting import open_reconnecting
+from arva_hil.links.url import Address, place
+from arva_hil.observers.console import Printer
+from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceiverLog, Surveyed, surveyed_scenario
+from arva_hil.records.writing import Recorder, RecordError, RecordLayout
+from arva_hil.registry import FORMATS
+from arva_hil.runtime.audience import Audience
+from arva_hil.runtime.drivers import Live
+
+_SILENT_S: Final = 2.0  # without a frame, before the first one: it is said
+_LOOK_S: Final = 0.5
+
+
+def main(options: argparse.Namespace) -> int:
+    if not options.receiver:
+        raise UsageError("--receiver is missing: name the receiver's port, e.g. --receiver /dev/ttyUSB0")
+    autopilot = options.autopilot or choose_autopilot(options.receiver)
+    if parse(options.receiver) != Address("pty") and place(autopilot) == place(options.receiver):
+        raise UsageError(f"the autopilot and --receiver are both {options.receiver}: each side needs its own")
+    scenario = surveyed(options)
+    clock = RealClock()
+    with ExitStack() as stack:
+        key = signing(options.signing_key, clock.epoch_us, stack)
+        log = receiver_log(options, scenario, session(options, signing=key), start=clock.now(), timeout=options.timeout)
+        links = {}
+        for name, address in ((AUTOPILOT, autopilot), (RECEIVER, options.receiver)):
+            links[name] = _opened(address, clock, stack, answered=name == AUTOPILOT)
+            tell(f"{name}: {links[name].name}")
+        known = about(options, scenario)
+        recorder = recorded_in(options.folder, clock.epoch_us, known)
+        printer = Printer(sys.stderr)
+        stack.callback(printer.close)
+        live = Live(log, links, {}, Audience([printer, recorder]))
+        watch = _Watch(log, options.format, printer)
+        end = Ending(log, recorder, known, options.format)
+        try:
+            interrupted = common.attend(
+                [live, watch],
+                clock,
+                until=clock.now() + options.duration,
+                over=lambda: log.missing or bool(recorder.error),
+            )
+            log.advance(clock.now(), final=True)
+            live.finish(clock)
+        except Failure as error:
+            end.close(error.code, str(error), live.counts())
+            raise
+        printer.settle()
+        return end.finish(INTERRUPTED if interrupted else OK, live.counts())
+
+
+def surveyed(options: argparse.Namespace) -> Scenario:
+    """The scenario of the surveyed transmitters. Raises UsageError."""
+    try:
+        return surveyed_scenario([Surveyed(*one) for one in options.transmitter or ()])
+    except ValueError as error:
+        raise UsageError(f"--transmitter: {error}") from None
+
+
+def receiver_log(
+    options: argparse.Namespace, scenario: Scenario, session: Session, *, start: float, timeout: float
+) -> ReceiverLog:
+    """The log with the options' format."""
+    form = FORMATS[options.format]
+    return ReceiverLog(
+        scenario,
+        session,
+        form.decoder(),
+        numbered=form.numbered,
+        start=start,
+        timeout_s=timeout,
+        max_age_s=options.max_age,
+    )
+
+
+def about(options: argparse.Namespace, scenario: Scenario) -> dict[str, Any]:
+    """The entries of run.json that are known at the start."""
+    known = {"source": "receiver", "format": options.format, **known_at_start(scenario)}
+    known["receiver"] = getattr(options, "receiver", None)
+    known |= {"scenario_source": None, "seed": None}
+    return known if scenario.transmitters else known | {"scenario": None}
+
+
+def recorded_in(folder: str, epoch_us: int, known: dict[str, Any], *, patient: bool = False) -> Recorder:
+    """The recorder. Raises UsageError for a folder that has a record already."""
+    if not folder:
+        raise UsageError("the record's name is empty: write the folder to make")
+    return Recorder(Path(folder), epoch_us, known, layout=RecordLayout(real=True), patient=patient)
+
+
+class Ending:
+    """The end of a record: what is missing in it, and run.json."""
+
+    def __init__(self, log: ReceiverLog, recorder: Recorder, known: dict[str, Any], format: str) -> None:
+        self._log = log
+        self._recorder = recorder
+        self._known = known
+        self._format = format
+
+    def finish(self, code: int, counts: dict[str, int]) -> int:
+        """Close the record and say what is in it. Returns the exit code; raises Failure if something is missing."""
+        log, d = self._log, self._log.decoder
+        lacks = self._lacks()
+        if lacks and code == OK:
+            code = NO_LINK if log.missing else FAILED
+        self.close(code, "; ".join(lacks) or "finished", counts)
+        tell(
+            f"{log.frames} frames, {log.no_pose} without a pose, {d.lost} lost, {d.bad_crc} bad checksums, "
+            f"{d.dropped} bytes dropped, {log.restarts} restarts"
+        )
+        if lacks:
+            raise Failure(code, *lacks)
+        return code
+
+    def close(self, code: int, how: str, counts: dict[str, int]) -> None:
+        """Close the record. Raises Failure if it is not whole."""
+        log = self._log
+        entries = vehicle_entries(log.session.vehicle, log.world.datum)
+        try:
+            self._recorder.close(
+                {"ended": how, "exit_code": code, **self._known, **entries, "counters": {**log.counts(), **counts}}
+            )
+        except RecordError as error:
+            raise Failure(FAILED, error) from None
+
+    def _lacks(self) -> list[str]:
+        log = self._log
+        lacks = []
+        if log.session.vehicle is None:
+            lacks.append(f"no poses: {no_vehicle(log.session.heard())}")
+        elif log.frames and log.no_pose == log.frames:
+            lacks.append("frames without poses: the autopilot has sent no position and attitude with home")
+        if not log.frames:
+            lacks.append(f"poses without frames: {doubt(log, self._format)}" if not lacks else doubt(log, self._format))
+        return lacks
+
+
+def doubt(log: ReceiverLog, format: str) -> str:
+    """Why there is no frame, for a person."""
+    if not log.first_bytes:
+        return "the receiver has sent nothing: is it the right port, and is the receiver on?"
+    guess = guess_format(log.first_bytes, format)
+    return f"no {format} frame in {len(log.first_bytes)} bytes, which are kept for `arva-hil decode`: {guess}"
+
+
+class _Watch:
+    """Says once that no frame comes. A task for the loop."""
+
+    links: tuple[Link, ...] = ()
+
+    def __init__(self, log: ReceiverLog, format: str, printer: Printer) -> None:
+        self._log = log
+        self._format = format
+        self._printer = printer
+        self._until: float | None = None
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        self._until = now + _SILENT_S if self._until is None else self._until
+        if now >= self._until:
+            self._until = float("inf")
+            if not self._log.decoder.good:
+                self._printer.say(f"warning: no frame for {_SILENT_S:g} s: {doubt(self._log, self._format)}")
+        return now + _LOOK_S
+
+
+def _opened(address: str, clock: Clock, stack: ExitStack, *, answered: bool) -> Link:
+    patient = parse(address).kind == "tcp"
+    link = common.open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
+    return stack.enter_context(closing(link))

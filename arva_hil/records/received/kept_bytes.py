@@ -1,0 +1,74 @@
+"""The bytes of a record as they came: packets and the receiver's bytes, each with its time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from arva_hil.links import LinkError
+from arva_hil.links.tlog import TlogReader
+from arva_hil.records.reading.lines import Lines, RecordingError, refuse_no_file, table
+from arva_hil.records.received.receiver_log import AUTOPILOT, RECEIVER, ReceiverLog
+from arva_hil.records.writing.layout import CHUNKS, FRAMES, TLOG
+from arva_hil.runtime.audience import Audience
+
+_STEP_S: Final = 0.1  # between two calls of `advance`
+
+
+class KeptBytes(NamedTuple):
+    """Bytes that came on a link at `time_us`, microseconds since 1970."""
+
+    time_us: int
+    link: str
+    data: bytes
+
+    @classmethod
+    def of(cls, folder: Path) -> Iterator[KeptBytes]:
+        """Iterate over the bytes of both links of a record, in time. Raises RecordingError."""
+        return heapq.merge(_packets(folder / TLOG), _chunks(folder), key=lambda one: one.time_us)
+
+
+def play(kept: Iterator[KeptBytes], log: ReceiverLog, audience: Audience, epoch_us: int) -> None:
+    """Feed kept bytes to a log. `epoch_us`: microseconds since 1970 at its time 0."""
+    now = due = 0.0
+    for time_us, link, data in kept:
+        now = max(now, (time_us - epoch_us) / 1e6)
+        if now >= due:
+            log.advance(now)
+            due = now + _STEP_S
+        log.receive(link, data, now, whole=link == AUTOPILOT)
+        log.output()
+        audience.tell(log.events())
+    log.advance(now, final=True)
+    audience.tell(log.events())
+
+
+def _packets(path: Path) -> Iterator[KeptBytes]:
+    if not path.exists() or not path.stat().st_size:
+        return
+    try:
+        with closing(TlogReader(path)) as log:
+            for time_us, raw in log:
+                yield KeptBytes(time_us, AUTOPILOT, raw)
+    except LinkError as error:
+        raise RecordingError(path, str(error)) from None
+
+
+def _chunks(folder: Path) -> Iterator[KeptBytes]:
+    if not (folder / CHUNKS).exists():
+        raise RecordingError(folder, f"there is no {CHUNKS} in it: only a record of `arva-hil record` has one")
+    lines = Lines(folder / CHUNKS)
+    columns, rows = table(lines, ("utc_us", "bytes"))
+    refuse_no_file(folder / FRAMES)
+    with open(folder / FRAMES, "rb") as data:
+        for row in rows:
+            try:
+                time_us, size = int(row[columns["utc_us"]]), int(row[columns["bytes"]])
+            except ValueError:
+                raise lines.error("expected two whole numbers") from None
+            if size < 0 or len(chunk := data.read(size)) < size:
+                return  # a program that was killed has written the one and not the other
+            yield KeptBytes(time_us, RECEIVER, chunk)

@@ -1,0 +1,215 @@
+"""The log of a real receiver: packets of an autopilot and frames of a receiver in; events for a record out.
+
+It has the same calls as the emulator's engine, so that the same driver serves it. It opens no link, and sends nothing
+but what a session requests from its vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Hashable
+from typing import Final, NamedTuple
+
+from arva_hil.autopilot.following.session import Session
+from arva_hil.config import Scenario
+from arva_hil.emulator.engine import NOBODY, Addressees, EngineOptions
+from arva_hil.emulator.ports import Output
+from arva_hil.emulator.receivers import Mounting
+from arva_hil.emulator.setup import VehicleSetup
+from arva_hil.emulator.snapshot import Snapshot
+from arva_hil.emulator.world import VehicleWorld
+from arva_hil.events import (
+    BytesSent,
+    Event,
+    FrameMade,
+    HeartbeatMissing,
+    PacketsReceived,
+    ReceiverRestarted,
+    ReceiverStatus,
+    StatusReport,
+    VehicleStatus,
+)
+from arva_hil.model.receiver import ChannelReading, Reading, with_true_ranges
+from firmware_proto import Frame, FrameDecoder
+from firmware_proto.frame import INTERFERENCE, MORE_TRANSMITTERS, NOT_SEARCHING, OVERLAP, RESTART, SELF_TEST_FAULT
+
+AUTOPILOT, RECEIVER = "autopilot", "receiver"
+"""The names of the two links."""
+
+SAMPLE_BYTES: Final = 1 << 14  # enough of any format for several frames
+
+_ABOUT: Final = ("vehicle", "receiver")
+_PATIENCE_S: Final = 1.0  # a frame waits so long for the packets that its pose is interpolated from
+_STATUS_S: Final = 0.25
+
+
+class _Waiting(NamedTuple):
+    """A frame and the time at which its last byte came."""
+
+    t: float
+    frame: Frame
+
+
+class ReceiverLog:
+    """Remembers the vehicle, the frames that wait for their poses, and what is wrong.
+
+    - `scenario`: the surveyed transmitters, and the mount. `session`: follows the vehicle.
+    - `decoder`: of the receiver's format. `numbered`: the frames have sequence numbers.
+    - `start`: of the record. `timeout_s`: without a heartbeat, until there is an event.
+    - `max_age_s`: an older pose is not used.
+
+    Counters: `frames`, `no_pose` (frames without a pose), `restarts` (of the receiver). `first_bytes`: those that came
+    before the first frame.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        session: Session,
+        decoder: FrameDecoder,
+        *,
+        numbered: bool,
+        start: float,
+        timeout_s: float = math.inf,
+        max_age_s: float = 2.0,
+    ) -> None:
+        self.options = EngineOptions(_PATIENCE_S, tell_packets=True, tell_status=True, needs_times=True)
+        self.session = session
+        self.decoder = decoder
+        self.world = VehicleWorld(
+            VehicleSetup(_ABOUT[0], AUTOPILOT, session, scenario, ()), {}, start=start, max_age_s=max_age_s
+        )
+        self.frames = self.no_pose = self.restarts = 0
+        self.first_bytes = b""
+        self.missing = False  # no heartbeat came in time
+        self._mounting = Mounting(scenario)
+        self._numbered = numbered
+        self._start = self._now = start
+        self._missing_from = start + timeout_s
+        self._waiting: deque[_Waiting] = deque()
+        self._before: _Waiting | None = None
+        self._last: FrameMade | None = None
+        self._next_status = start
+        self._events: list[Event] = []
+        self._outputs: list[Output] = []
+
+    def receive(
+        self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False
+    ) -> Addressees:
+        """Use bytes that came at `now`. Returns to whom the autopilot's link writes from now on."""
+        if link == RECEIVER:
+            self._on_receiver(data, now)
+            return NOBODY
+        session = self.session
+        packets = session.reader.feed(data, now, sender, stranger=not session.accepts(sender, now), whole=whole)
+        self._events.append(PacketsReceived(now, AUTOPILOT, packets if session.follows(sender) else ()))
+        self._events += self.world.update(session.receive(packets, now, sender), now)
+        self._make_frames(now)
+        return NOBODY if sender is None else Addressees(session.senders.vehicle, session.senders.candidates)
+
+    def link_lost(self, link: str, why: str, now: float) -> None:
+        """A link is lost until `link_back`."""
+        if link == AUTOPILOT:
+            self.session.interrupt(why)
+
+    def link_back(self, link: str, now: float) -> None:
+        """The link is back."""
+        if link == AUTOPILOT:
+            self.session.resume(now)
+
+    def advance(self, now: float, *, final: bool = False) -> None:
+        """Do what is due until `now`. `final`: nothing more will come."""
+        self._now = now
+        self._on_receiver(b"", math.inf if final else now)
+        self._make_frames(now, final=final)
+        data, events = self.world.poll(now)
+        self._events += events
+        if data:
+            self._outputs.append(Output(0, AUTOPILOT, data, now))
+        if now >= self._missing_from or final:
+            self._missing_from = math.inf
+            if self.session.vehicle is None and not self.missing:
+                self.missing = True
+                self._events.append(HeartbeatMissing(now, _ABOUT[0], self.session.heard()))
+
+    def next_deadline(self) -> float:
+        """The latest time for the next call of `advance`."""
+        return min(self._next_status, self.session.next_due, self._missing_from)
+
+    def output(self) -> list[Output]:
+        """Return the requests to the autopilot."""
+        outputs, self._outputs = self._outputs, []
+        return outputs
+
+    def written(self, output: int, accepted: bool, now: float) -> None:
+        """An output was written. Requests are repeated until the autopilot answers, so nothing is to do."""
+
+    def events(self) -> list[Event]:
+        """Return the events since the last call."""
+        if self._now >= self._next_status:
+            self._next_status = self._now + _STATUS_S
+            self._events.append(self._status())
+        events, self._events = self._events, []
+        return events
+
+    def counts(self) -> dict[str, int]:
+        """Counters by name."""
+        d = self.decoder
+        of_frames = {"frames": self.frames, "no_pose": self.no_pose, "restarts": self.restarts, "lost": d.lost}
+        return {**of_frames, "bad_crc": d.bad_crc, "bytes_dropped": d.dropped, **self.session.counts()}
+
+    def _status(self) -> StatusReport:
+        session, now = self.session, self._now
+        receiver = ReceiverStatus(_ABOUT[1], self._last, self.frames, 0, self.world.at(now).transmitters)
+        label = session.vehicle.short if session.vehicle else ""
+        return StatusReport(now, [VehicleStatus(_ABOUT[0], label, session.rates(now), [receiver])])
+
+    def _on_receiver(self, data: bytes, now: float) -> None:
+        frames = self.decoder.feed(data, now)
+        at = min(now, self._now) if math.isinf(now) else now
+        if data:
+            self._events.append(BytesSent(at, *_ABOUT, data))
+        if not self.decoder.good:
+            self.first_bytes += data[: SAMPLE_BYTES - len(self.first_bytes)]
+        for frame in frames:
+            came = _Waiting(at, frame)
+            if self._numbered and self._before and _restarted(self._before, came):
+                self.restarts += 1
+                self._events.append(ReceiverRestarted(at, *_ABOUT, self._before.frame.sequence, frame.sequence))
+            self._before = came
+            self._waiting.append(came)
+
+    def _make_frames(self, now: float, *, final: bool = False) -> None:
+        waiting = self._waiting
+        while waiting and (final or self.world.is_known(waiting[0].t) or now - waiting[0].t >= _PATIENCE_S):
+            came = waiting.popleft()
+            seen = self.world.at(came.t)
+            self._last = self._made(came, seen)
+            self.frames += 1
+            self.no_pose += self._last.pose is None
+            self._events.append(self._last)
+
+    def _made(self, came: _Waiting, seen: Snapshot) -> FrameMade:
+        pose = self._mounting.pose(seen.pose, came.t - self._start, swings=True)
+        ranges = seen.transmitters.ranges(pose.position) if pose else {}
+        slots = [ChannelReading(c.id, c.zone, c.d, c.delta, None, c.marked) for c in came.frame.channels]
+        status, instant_s = came.frame.status, came.t - self._start
+        reading = Reading(
+            with_true_ranges(slots, ranges),
+            interference=bool(status & INTERFERENCE),
+            more_heard=bool(status & MORE_TRANSMITTERS),
+            overlapping=bool(status & OVERLAP),
+            searching=not status & NOT_SEARCHING,
+            failed=bool(status & SELF_TEST_FAULT),
+        )
+        age_s = seen.age_s if pose else None
+        return FrameMade(
+            came.t, *_ABOUT, self.frames, instant_s, seen.boot_s, pose, age_s, reading, came.frame, True, 0.0, (), pose
+        )
+
+
+def _restarted(before: _Waiting, came: _Waiting) -> bool:
+    """Return True if the sequence number began again from 0."""
+    gap = (came.frame.sequence - before.frame.sequence) % 256 - 1
+    return came.frame.sequence < RESTART < gap

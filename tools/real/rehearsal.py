@@ -1,0 +1,161 @@
+"""A rehearsed flight: the emulator stands in for a real receiver, and a log records it, in virtual time.
+
+The vehicle leans with the wind. What it reports of its position has the scenario's navigation error.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from arva_hil.autopilot.following.session import Session
+from arva_hil.config import Scenario, to_dict
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
+from arva_hil.events import Event
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.model.field import LocalFrame
+from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceiverLog, Surveyed, surveyed_scenario
+from arva_hil.records.writing import Recorder, RecordLayout
+from arva_hil.registry import FORMATS
+
+HOME = (46.0123, 7.7456, 1650.0)
+EPOCH_US = 1_798_761_600_000_000  # 2027-01-01T00:00:00Z
+STEP_S = 0.05
+ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED | dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+
+
+class Waypoint(NamedTuple):
+    """A point of the flight: seconds, metres NED from home, heading in degrees."""
+
+    time_s: float
+    north: float
+    east: float
+    down: float
+    heading_deg: float
+
+
+def mission(reach_m: float = 25.0, height_m: float = 4.0, speed: float = 2.0) -> list[Waypoint]:
+    """A pass each way, north and east, at two heights, each with another heading, and a slow turn at two places."""
+    points = [Waypoint(0.0, -reach_m, 0.0, -height_m, 0.0)]
+
+    def to(north: float, east: float, height: float, heading: float, seconds: float | None = None) -> None:
+        last = points[-1]
+        far = math.dist((last.north, last.east, last.down), (north, east, -height))
+        time_s = last.time_s + max(seconds or far / speed, abs(heading - last.heading_deg) / 20, 0.5)
+        points.append(Waypoint(time_s, north, east, -height, heading))
+
+    for height in height_m, height_m + 4:
+        for heading in 0.0, 90.0:
+            to(-reach_m, 0, height, heading)
+            to(reach_m, 0, height, heading)
+            to(reach_m, 0, height, heading + 180)
+            to(-reach_m, 0, height, heading + 180)
+        for heading in 90.0, 0.0:
+            to(0, -reach_m, height, heading)
+            to(0, reach_m, height, heading)
+            to(0, reach_m, height, heading + 180)
+            to(0, -reach_m, height, heading + 180)
+        to(8, 8, height, 0)
+        to(8, 8, height, 360)
+        to(-9, 6, height, 360)
+        to(-9, 6, height, 0)
+    return points
+
+
+def rehearse(
+    folder: Path,
+    scenario: Scenario,
+    points: Sequence[Waypoint],
+    *,
+    latency_s: float = 0.0,
+    surveyed: Sequence[Surveyed] = (),
+    wind: float = 3.0,
+    seed: int = 1,
+    more: Sequence[tuple[float, bytes]] = (),
+) -> Path:
+    """Fly, and leave a record. `latency_s`: of the receiver. `wind`: m/s. `more`: bytes on the receiver's line."""
+    form = FORMATS[scenario.output_format]
+    emulator = Emulator([one_vehicle(scenario, Session(passive=True))], start=0.0, tell_status=False)
+    places = surveyed_scenario(surveyed)
+    log = ReceiverLog(places, Session(passive=True), form.decoder(), numbered=form.numbered, start=0.0)
+    about = {"source": "receiver", "format": scenario.output_format, "scenario": to_dict(places) if surveyed else None}
+    recorder = Recorder(folder, EPOCH_US, about, patient=True, layout=RecordLayout(real=True))
+
+    def tell(events: Sequence[Event]) -> None:
+        for event in events:
+            recorder.observe(event)
+
+    on_the_way = [*more]
+    heapq.heapify(on_the_way)
+    vehicle = _Vehicle(points, wind, seed)
+    now, end_s = 0.0, points[-1].time_s
+    while now <= end_s:
+        data = vehicle.messages(now)
+        emulator.receive(AUTOPILOT, data, now)
+        log.receive(AUTOPILOT, data, now)
+        emulator.advance(now)
+        for output in emulator.output():
+            if output.link == "port":
+                heapq.heappush(on_the_way, (now + latency_s, output.data))
+            emulator.written(output.id, True, now)
+        emulator.events()
+        while on_the_way and on_the_way[0][0] <= now:
+            came_s, frame = heapq.heappop(on_the_way)
+            log.receive(RECEIVER, frame, max(came_s, now - STEP_S))
+        log.advance(now)
+        tell(log.events())
+        now = round(now + STEP_S, 6)
+    log.advance(now, final=True)
+    tell(log.events())
+    datums = [change._asdict() for change in log.world.datum.changes]
+    recorder.close({"ended": "finished", "exit_code": 0, **about, "datums": datums, "counters": log.counts()})
+    return folder
+
+
+class _Vehicle:
+    """A vehicle on a path that leans with the wind, and says so in MAVLink."""
+
+    def __init__(self, points: Sequence[Waypoint], wind: float, seed: int) -> None:
+        self._path = np.array(points)
+        self._path[:, 4] = np.radians(self._path[:, 4])
+        self._frame = LocalFrame(*HOME)
+        self._encoder = Encoder(1, 1)
+        self._random = np.random.default_rng([seed, 77])
+        self._lean = self._random.uniform(-0.02, 0.02, 2) * wind
+        self._gust = np.zeros(2)
+        self._wind = wind
+
+    def messages(self, now: float) -> bytes:
+        keep = math.exp(-STEP_S / 1.5)
+        self._gust = keep * self._gust + math.sqrt(1 - keep**2) * 0.01 * self._wind * self._random.standard_normal(2)
+        north, east, down, heading = self._at(now)
+        ahead = self._at(now + STEP_S)
+        velocity = [(b - a) / STEP_S for a, b in zip((north, east, down), ahead[:3], strict=True)]
+        lean_north, lean_east = self._lean + self._gust
+        cos, sin = math.cos(heading), math.sin(heading)
+        pitch, roll = -(lean_north * cos + lean_east * sin), -lean_north * sin + lean_east * cos
+        lat, lon, alt = (float(value) for value in self._frame.lla([north, east, down]))
+        boot_ms, place = 10_000 + round(now * 1e3), (round(lat * 1e7), round(lon * 1e7), round(alt * 1e3))
+        yaw = math.remainder(heading, math.tau)
+        messages = [
+            dialect.MAVLink_attitude_message(boot_ms, roll, pitch, yaw, 0.0, 0.0, 0.0),
+            dialect.MAVLink_global_position_int_message(
+                boot_ms, *place, round(-down * 1e3), *(round(v * 100) for v in velocity), 65535
+            ),
+        ]
+        if round(now / STEP_S) % round(1 / STEP_S) == 0:
+            kind = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+            armed = ARMED if now > 1 else 0
+            messages.insert(0, dialect.MAVLink_heartbeat_message(*kind, armed, 4, dialect.MAV_STATE_ACTIVE, 3))
+            home = round(HOME[0] * 1e7), round(HOME[1] * 1e7), round(HOME[2] * 1e3)
+            messages.append(dialect.MAVLink_home_position_message(*home, 0, 0, 0, [1.0, 0, 0, 0], 0, 0, 0))
+        return b"".join(map(self._encoder.pack, messages))
+
+    def _at(self, now: float) -> list[float]:
+        return [float(np.interp(now, self._path[:, 0], column)) for column in self._path.T[1:]]
