@@ -16,9 +16,12 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
 import arva_hil
+from arva_hil import events
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
+from arva_hil.events import searches, teams, vehicles
+from arva_hil.events.event_json import event_name
 from tools import write_reference
 
 HERE: Final = Path(__file__).parent
@@ -41,6 +44,7 @@ API: Final = {  # groups of the public names, in the order of the page
     "Plug-ins": "ReceiverModel ReceiverSettings Answer Link Address Opening AddressError LinkError LinkEnded FaultKind "
     "Number Whole Observer KindError UnknownKindError",
 }
+EVENTS: Final = {"Run": events, "Vehicle": vehicles, "Search": searches, "Team": teams}
 _PAGES: Final = {ROOT / text: HERE / f"{page}.md" for page, text in ELSEWHERE.items()}
 _LINK: Final = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?(?=\))")
 
@@ -65,7 +69,9 @@ def read(app: Sphinx, page: str, source: list[str]) -> None:
     if page == "scenario":
         text += "\n" + write_reference.page()
     if page == "reference/commands":
-        text += "\n" + "\n\n".join(command_page(name) for name in COMMANDS)
+        text += "\n" + "\n\n".join(command_sections())
+    if page == "reference/events":
+        text += "\n" + "\n\n".join(event_tables())
 
     def link(match: re.Match[str]) -> str:
         target = Path(os.path.normpath(at.parent / match[1]))
@@ -113,21 +119,50 @@ def _directive(name: str) -> str:
     return f".. {'autofunction' if inspect.isfunction(item) else 'autodata'}:: arva_hil.{name}"
 
 
-def command_page(name: str) -> str:
-    """A command's section: its description and its options, from its parser."""
-    add_options = arguments_of(name)
-    parser = CommandParser(prog=f"arva-hil {name}")
-    add_options(parser)
-    variables = {variable.removeprefix("ARVA_HIL_").lower() for variable in parser.variables}
-    rows = "\n".join(_rows(parser))
-    about = _prose(inspect.getdoc(add_options) or "")
-    options = [one for one in parser._actions if one.option_strings and not isinstance(one, argparse._HelpAction)]
-    never = [f"`{one.option_strings[0]}`" for one in options if one.dest not in variables]
-    note = f"\n\nNot in the environment: {', '.join(never)}." if variables and never else ""
-    return f"## {name}\n\n{about}\n\n| option | meaning |\n|---|---|\n{rows}{note}"
+def command_sections() -> Iterator[str]:
+    """Yield a section for each command: its description, and its options from its parser.
+
+    An option that another command above has too is not repeated.
+    """
+    first: dict[str, str] = {}  # a row → the command that has it
+    for name in COMMANDS:
+        add_options = arguments_of(name)
+        parser = CommandParser(prog=f"arva-hil {name}")
+        add_options(parser)
+        variables = {variable.removeprefix("ARVA_HIL_").lower() for variable in parser.variables}
+        own, shared = [], dict[str, list[str]]()
+        for flag, row in _rows(parser):
+            if first.setdefault(row, name) == name:
+                own.append(row)
+            else:
+                shared.setdefault(first[row], []).append(f"`{flag}`")
+        table = ["| option | meaning |\n|---|---|\n" + "\n".join(own)] if own else []
+        same = [f"As in [{other}](#{other}): {', '.join(flags)}." for other, flags in shared.items()]
+        options = [one for one in parser._actions if one.option_strings and not isinstance(one, argparse._HelpAction)]
+        never = [f"`{one.option_strings[0]}`" for one in options if one.dest not in variables]
+        note = [f"Not in the environment: {', '.join(never)}."] if variables and never else []
+        yield "\n\n".join([f"## {name}", _prose(inspect.getdoc(add_options) or ""), *table, *same, *note])
 
 
-def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
+def event_tables() -> Iterator[str]:
+    """Yield a table of events for each module of `arva_hil.events`: the name in JSON, the fields, the meaning."""
+    for title, module in EVENTS.items():
+        kinds = [kind for kind in vars(module).values() if inspect.isclass(kind) and kind.__module__ == module.__name__]
+        rows = "\n".join(
+            _event_row(kind) for kind in kinds if issubclass(kind, events.Event) and not kind.__subclasses__()
+        )
+        yield f"### {title}\n\n| event | fields | meaning |\n|---|---|---|\n{rows}"
+
+
+def _event_row(kind: type[events.Event]) -> str:
+    """Return the row of one event, without the fields that the text above the tables names."""
+    own = [field.name for field in dataclasses.fields(kind) if field.name not in ("time_s", "vehicle", "receiver")]
+    about = " ".join((inspect.getdoc(kind) or "").split())
+    return f"| `{event_name(kind)}` | {', '.join(f'`{name}`' for name in own)} | {_cell(about)} |"
+
+
+def _rows(parser: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
+    """Yield each option's first flag and its row."""
     for action in parser._actions:
         if isinstance(action, argparse._HelpAction):
             continue
@@ -135,7 +170,7 @@ def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
         value = "" if action.nargs == 0 else str(value)
         names = [f"{flag} {value}".strip() for flag in action.option_strings] or [value or action.dest]
         help_text = (action.help or "") % {**vars(action), "prog": parser.prog}
-        yield f"| {', '.join(f'`{_cell(n)}`' for n in names)} | {_cell(_escaped(help_text))} |"
+        yield names[0].split()[0], f"| {', '.join(f'`{_cell(n)}`' for n in names)} | {_cell(_escaped(help_text))} |"
 
 
 def _prose(text: str) -> str:

@@ -28,7 +28,7 @@ from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TransmitterChosen
 from arva_hil.events.words.sentences import sentence
-from arva_hil.events.words.text import Notice
+from arva_hil.events.words.text import Notice, in_metres
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.web.address import HostPort
@@ -127,6 +127,7 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
             chosen,
             plan_of(options, chosen),
             start=start,
+            gps_noise_m=options.gps_noise,
             wires=wires,
             observers=surroundings.observers,
             tell_packets=bool(options.record),
@@ -179,7 +180,7 @@ def _team(options: argparse.Namespace, base: Scenario) -> Scenario:
 
 def _check_pose(chosen: Scenario, why: str) -> None:
     if chosen.navigation_error:
-        raise UsageError(f"navigation_error: the demo does not support it, {why}: leave it out")
+        raise UsageError(f"navigation_error: the demo does not support it, {why}: use --gps-noise instead")
 
 
 def _news(surroundings: common.Run) -> Callable[[str, Event], None]:
@@ -207,6 +208,8 @@ def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
     if drone.search.outcome and outcome.kind != "found":
         code = code or FAILED
     lines = search_report.result(outcome) + _errors(drone, flown.clock.now())
+    if outcome.found and not options.gps_noise:
+        lines.append("the GPS of this flight had no error; --gps-noise 1.5 flies with one")
     if code not in (OK, INTERRUPTED) and flown.complaint:
         lines.append(flown.complaint)
     if flown.has_page:
@@ -223,7 +226,7 @@ def _end_of_team(flown: Flown) -> int:
     for drone in loop.drones:
         first, *_ = search_report.result(_outcome(drone, code))
         error = drone.error()
-        tell(f"{drone.name}: {first}" + ("" if error is None else f"; the transmitter is {error:.2f} m from there"))
+        tell(f"{drone.name}: {first}" + ("" if error is None else f"; error: {in_metres(error)}"))
     lacking = {transmitter.id for transmitter in loop.drones[0].scenario.transmitters} - loop.found
     if lacking:
         tell(f"not found: {', '.join(f'transmitter {id_}' for id_ in sorted(lacking))}")
@@ -233,13 +236,13 @@ def _end_of_team(flown: Flown) -> int:
 
 
 def _errors(drone: Drone, now: float) -> list[str]:
-    """Return the errors of the search against the simulator's truth, in words."""
+    """Return the lines about the errors of the search, against the simulator's truth."""
     if drone.several:
-        return [f"{name_of(victim.id)} is {metres:.2f} m from there" for victim, metres in drone.errors().items()]
+        return [f"error of {name_of(victim.id)}: {in_metres(metres)}" for victim, metres in drone.errors().items()]
     error, off = drone.error(), drone.off(now)
     if error is None or off is None:
         return []
-    return [f"the transmitter is {error:.2f} m from there", f"the vehicle has landed {off:.2f} m from it"]
+    return [f"error of the place: {in_metres(error)}", f"error of the landing: {in_metres(off)}"]
 
 
 def _ptys(stack: ExitStack, clock: Clock) -> Wires:

@@ -78,7 +78,7 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
         lines = [first]
     if outcome.lat_lon and outcome.wanted == 1:
         lat, lon = outcome.lat_lon
-        lines.append(f"it lies at {lat:.7f}, {lon:.7f}")
+        lines.append(f"position: {lat:.7f}, {lon:.7f}")
     if outcome.frames:
         lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
     for id_, heard in outcome.others:

@@ -7,6 +7,7 @@ from typing import Any
 
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
+from arva_hil.events.words.text import sigma
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.mission.choice import NO_ID
 from arva_hil.search.mission.outcome import Outcome, lla
@@ -21,8 +22,8 @@ def name(id_: int | None) -> str:
 
 def where(found: Found) -> str:
     """A place from the take-off point, with its sigma."""
-    sigma = f" ± {found.sigma:.1f} m" if found.sigma is not None else ""
-    return f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point{sigma}"
+    spread = f" ± {sigma(found.sigma)}" if found.sigma is not None else ""
+    return f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point{spread}"
 
 
 def victims_found(outcome: Outcome) -> list[str]:
@@ -39,7 +40,7 @@ def victims_found(outcome: Outcome) -> list[str]:
         lines.append(f"{number}. {name(victim.id)}: {where(victim.found)}{_about(victim)}")
         if origin:
             lat, lon = _lat_lon(origin, victim.found)
-            lines.append(f"   it lies at {lat:.7f}, {lon:.7f}")
+            lines.append(f"   position: {lat:.7f}, {lon:.7f}")
     return lines
 
 

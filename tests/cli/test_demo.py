@@ -19,9 +19,15 @@ MAX = ("demo", "--speed", "max", "--headless")
 
 def error_m(err: str) -> float:
     """How far from the transmitter it was reported, m."""
-    found = re.search(r"^the transmitter is ([\d.]+) m from there$", err, re.MULTILINE)
+    return errors_m(err, "the place")[0]
+
+
+def errors_m(err: str, of: str) -> list[float]:
+    """The errors of something, m; less than 1 cm is 0."""
+    found = re.findall(rf"^error of {of}: (?:([\d.]+) m|less than 1 cm)$", err, re.MULTILINE)
     assert found, err
-    return float(found[1])
+    assert "0.00" not in found
+    return [float(metres or 0) for metres in found]
 
 
 def scenario(folder: Path, *transmitters: tuple[int, float, float]) -> Path:
@@ -43,9 +49,7 @@ def test_it_finds_the_transmitter_and_lands(
         code, out, err = arva(*MAX, "--format", form, "--record", record)
     assert (code, out) == (0, "")
     assert error_m(err) < 1.0
-    down = re.search(r"^the vehicle has landed ([\d.]+) m from it$", err, re.MULTILINE)
-    assert down
-    assert float(down[1]) < 1.0
+    assert errors_m(err, "the landing")[0] < 1.0
     name = "a transmitter" if form == "text" else "transmitter 1"
     assert re.search(rf"^found {name}: (19|20)\.\d m north, [45]\.\d m east of the take-off point", err, re.MULTILINE)
     assert "search: found; landing" in err
@@ -56,6 +60,17 @@ def test_it_finds_the_transmitter_and_lands(
     assert rows[-1]["phase"] == "landing"
     assert abs(float(rows[-1]["down_m"])) < 0.2
     assert (record / "search.png").stat().st_size > 10_000
+
+
+def test_with_a_gps_error_the_place_is_off_and_the_demo_says_so(
+    arva: Arva, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    hint = "the GPS of this flight had no error; --gps-noise 1.5 flies with one"
+    assert hint in demo(tmp_path_factory).err
+    code, _, err = arva(*MAX, "--gps-noise", 1.5, "--record", tmp_path)
+    assert code == 0, err
+    assert 0.1 < error_m(err) < 4.0
+    assert hint not in err
 
 
 def test_the_strategy_is_chosen(arva: Arva, tmp_path: Path) -> None:
@@ -94,9 +109,7 @@ def test_two_victims_are_found_one_after_the_other_and_listed(arva: Arva, tmp_pa
         for line in (lines[at + 2], lines[at + 4])
     ]
     assert [place and place[1] for place in places] == ["1", "2"]
-    off = {id_: float(metres) for id_, metres in re.findall(r"^transmitter (\d) is ([\d.]+) m from there$", err, re.M)}
-    assert off.keys() == {"7", "8"}
-    assert max(off.values()) < 1.0
+    assert max(*errors_m(err, "transmitter 7"), *errors_m(err, "transmitter 8")) < 1.0
     said = json.loads((tmp_path / "record" / "search.json").read_text())
     assert (said["outcome"], said["wanted"], said["others"]) == ("found", 2, [])
     assert {victim["id"] for victim in said["victims"]} == {7, 8}

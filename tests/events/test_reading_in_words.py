@@ -2,7 +2,7 @@
 
 import pytest
 
-from arva_hil.events.words.text import reading
+from arva_hil.events.words.text import in_metres, reading, sigma
 from firmware_proto import INNER, MID, OUTER, Channel
 
 
@@ -19,3 +19,17 @@ from firmware_proto import INNER, MID, OUTER, Channel
 )
 def test_a_direction_and_a_zone_are_shown_only_where_there_is_one(channels: list[Channel], said: str) -> None:
     assert reading(channels) == said
+
+
+@pytest.mark.parametrize(
+    ("metres", "error", "spread"),
+    [
+        (0.0, "less than 1 cm", "less than 1 cm"),
+        (0.0099, "less than 1 cm", "less than 1 cm"),
+        (0.01, "0.01 m", "1 cm"),
+        (0.04, "0.04 m", "4 cm"),
+        (0.55, "0.55 m", "0.6 m"),
+    ],
+)
+def test_an_error_is_never_printed_as_zero(metres: float, error: str, spread: str) -> None:
+    assert (in_metres(metres), sigma(metres)) == (error, spread)

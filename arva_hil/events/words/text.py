@@ -23,10 +23,24 @@ class Notice(NamedTuple):
 ZONES: Final = ("outer", "mid", "inner")
 WIDTH: Final = len("#254 inner 32767 cm -180°")  # of a channel that is aligned
 
+LEAST_M: Final = 0.01  # a smaller distance is not printed
+
 # From xterm's 256 colours. Colour-blind people can tell them apart too, and they are readable on black and on white.
 # No information is in a colour alone.
 GOOD, DOUBTFUL, BAD = 30, 129, 202
 _COLOURS: Final = {"warning": DOUBTFUL, "error": BAD}
+
+
+def in_metres(metres: float) -> str:
+    """Return a distance of at least 0 with its unit, never as 0.00 m."""
+    return f"{metres:.2f} m" if metres >= LEAST_M else "less than 1 cm"
+
+
+def sigma(metres: float) -> str:
+    """Return a standard deviation with its unit, never as 0.0 m."""
+    if metres >= 10 * LEAST_M:
+        return f"{metres:.1f} m"
+    return f"{100 * metres:.0f} cm" if metres >= LEAST_M else "less than 1 cm"
 
 
 def reading(channels: Iterable[Channel]) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.clock import utc
+from arva_hil.events.words.text import in_metres
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.records.reading.search import RecordedPlace, RecordedSearch
@@ -121,8 +122,8 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, lat_lon: tuple[fl
     if ellipse := found.ellipse(PROBABILITY):
         major, minor, bearing = ellipse
         about = (
-            f"{order}{search.how}; {PROBABILITY:.0%} inside an ellipse of {major:.2f} m × {minor:.2f} m (semi-axes), "
-            f"long axis {math.degrees(bearing) % 180:.0f}°"
+            f"{order}{search.how}; {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × {in_metres(minor)} "
+            f"(semi-axes), long axis {math.degrees(bearing) % 180:.0f}°"
         )
     id_ = found.id if search.victims else search.target
     name = "place found" if id_ is None else f"place found: transmitter {id_}"

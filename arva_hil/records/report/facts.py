@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
+from arva_hil.events.words.text import in_metres
 from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.records.reading.streams import streams
 from arva_hil.records.reading.values import mapping, number
@@ -106,12 +107,15 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
             yield "latitude, longitude", f"{found.lat_lon[0]:.7f}, {found.lat_lon[1]:.7f}"
         if ellipse := found.ellipse():
             major, minor, bearing = ellipse
-            yield "95 % inside", f"{major:.2f} m × {minor:.2f} m, long axis {math.degrees(bearing) % 180:.0f}°"
+            yield (
+                "95 % inside",
+                f"{in_metres(major)} × {in_metres(minor)}, long axis {math.degrees(bearing) % 180:.0f}°",
+            )
         else:
             yield "95 % inside", "the strategy does not say how sure it is"
     error = error_m(recording)
     if error is not None:
-        yield "error", f"{error:.2f} m from the transmitter, horizontally"
+        yield "error", f"{in_metres(error)} from the transmitter, horizontally"
     for label, name, form in (
         ("time", "time_s", "{:.0f} s"),
         ("path", "path_m", "{:.0f} m"),

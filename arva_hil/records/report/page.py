@@ -6,6 +6,7 @@ import base64
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
+from arva_hil.events.words.text import in_metres
 from arva_hil.records.pictures.run import pictures
 from arva_hil.records.reading import Recording
 from arva_hil.records.reading.values import mapping, text
@@ -79,7 +80,7 @@ def _verdict(recording: Recording) -> str:
     if search is not None:
         words.append(f"the search ended: {one_line(search.how)}" if search.how else "the search has not ended")
         if (error := error_m(recording)) is not None:
-            words.append(f"{error:.2f} m from the transmitter")
+            words.append(f"{in_metres(error)} from the transmitter")
     if recording.run is not None:
         words.append(
             f"the run ended: {one_line(recording.run.ended)}" if recording.run.ended else "the run has not ended"

@@ -1,9 +1,23 @@
-"""The news of searches in several programs: MAVLink TUNNEL messages that the autopilots pass on.
+"""The news of searches in several programs: MAVLink TUNNEL messages that the autopilots forward.
 
-A payload has the version, the number of the search, its time in ms, latitude and longitude [1e-7 deg], altitude
-[mm AMSL], flags (1: flying, 2: free, 4: lost), the transmitter that it flies to (255: none) and how near it has heard
-that one [cm], the part that it searches (255: none), the parts flown as bits, the ids found, at most 16, and those
-heard, at most 7, each with how near [cm] and where [1e-7 deg]. All numbers are little-endian.
+The payload, little-endian; 33 bytes, one for each id found and 11 for each transmitter received:
+
+| offset | type | content |
+|---|---|---|
+| 0 | uint8 | version, 2; others are ignored |
+| 1 | uint8 | number of the search: the place of its vehicle in the scenario, 0 to 63 |
+| 2 | uint32 | ms on its own clock |
+| 6, 10 | int32 | latitude, longitude of its vehicle, 1e-7 deg |
+| 14 | int32 | altitude, mm AMSL |
+| 18 | uint8 | 1: in the air; 2: free, without strips or transmitter; 4: its position is not known any more |
+| 19 | uint8 | id of the transmitter that it flies to; 255: none |
+| 20 | uint16 | its smallest distance to that one, cm; 65535: unknown, or farther |
+| 22 | uint8 | part of the area that it searches; 255: none |
+| 23 | uint64 | parts that are flown, bit k for part k |
+| 31 | uint8 | n, ids found, at most 16 |
+| 32 | uint8 | m, transmitters received and not found, at most 7 |
+| 33 | uint8 × n | ids found |
+| 33 + n | 11 bytes × m | uint8 id; uint16 smallest distance, cm; int32 latitude, longitude there, 1e-7 deg |
 """
 
 from __future__ import annotations
@@ -19,7 +33,7 @@ from arva_hil.search.team.team_news import MOST_HEARD, HeardAt, News
 TEAM_TYPE: Final = 42072  # the payload type, in MAVLink's private range; frames have the one before
 VERSION: Final = 2
 MOST_MEMBERS: Final = 64
-_HEAD: Final = struct.Struct("<BBIiiiBBHBQBB")  # version … numbers of ids found and heard
+_HEAD: Final = struct.Struct("<BBIiiiBBHBQBB")  # offsets 0 to 32
 _HEARD: Final = struct.Struct("<BHii")
 _NONE: Final = 255
 _FARTHEST: Final = 0xFFFF  # cm, or farther, or not known
@@ -27,8 +41,8 @@ _FLYING: Final = 1
 _FREE: Final = 2
 _LOST: Final = 4
 _MOST_IDS: Final = 16
-_STALE_S: Final = 2.0  # longer on the way than the quickest one: dropped
-_RESTARTED_S: Final = 5.0  # silent for so long, a search may have begun anew
+_STALE_S: Final = 2.0  # drop news that took this much longer than the quickest
+_RESTARTED_S: Final = 5.0  # after this silence, accept that a search has restarted
 
 
 def encode(news: News) -> bytes:

@@ -1,6 +1,6 @@
 // What is wrong stands out: each check has a level, and the worst one is in the header.
 
-import { AGE, N, clock, el, fixed } from "./store.js";
+import { AGE, N, clock, el, fixed, precise } from "./store.js";
 
 const ORDER = ["good", "warn", "bad"];
 const LEVELS = { info: "info", warning: "warn", error: "bad" };
@@ -97,10 +97,10 @@ export function showSearch(search, truth, transmitters, team) {
     rows.push(["believed at", place(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
   }
   const covariance = search.found?.covariance ?? search.covariance;
-  if (covariance) rows.push(["uncertainty", `± ${axes(covariance).a.toFixed(1)} m`]);
+  if (covariance) rows.push(["uncertainty", `± ${precise(axes(covariance).a, 1)}`]);
   const believed = search.found?.place ?? search.mean, id = search.found?.id ?? search.target;
   const real = transmitters.find((one) => one.id === id) ?? (transmitters.length === 1 ? transmitters[0] : null);
-  if (truth && believed && real) rows.push(["off the truth", `${Math.hypot(believed[0] - real.place[0], believed[1] - real.place[1]).toFixed(2)} m`]);
+  if (truth && believed && real) rows.push(["off the truth", precise(Math.hypot(believed[0] - real.place[0], believed[1] - real.place[1]), 2)]);
   if (search.ended) rows.push(["ended", search.ended]);
   $("belief").replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
 }

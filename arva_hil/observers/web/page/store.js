@@ -71,6 +71,12 @@ export function fixed(number, digits = 1) {
   return number < 0 && Number(text) ? `−${text}` : text;
 }
 
+// An error or uncertainty with its unit, never as 0.0 m.
+export function precise(m, digits) {
+  if (m < 0.01) return "less than 1 cm";
+  return m < 0.1 ? `${Math.round(100 * m)} cm` : `${m.toFixed(digits)} m`;
+}
+
 // An element with attributes and children; texts are never markup.
 export function el(name, attributes = {}, ...children) {
   const made = document.createElement(name);
