@@ -24,9 +24,10 @@ class Registry:
     """Finds kinds by name. Remembers those that were used in `loaded`.
 
     `what`: the word for one of them. `group`: the group of entry points of other packages. `built_in`:
-    `module:attribute` by name; other packages cannot replace these. `requires`: attributes that each kind must have.
-    `references`: whether `module:attribute` is a valid name too. `attributes`: attributes that each object of a class
-    must have; to check them, an object is made with the arguments `made_with`. Iterating gives the built-in names.
+    `module:attribute` by name; other packages cannot replace these. `requires`: attributes that each kind must have;
+    one of two as "new or old". `references`: whether `module:attribute` is a valid name too. `attributes`: attributes
+    that each object of a class must have; to check them, an object is made with the arguments `made_with`. Iterating
+    gives the built-in names.
     """
 
     def __init__(  # written out: dataclasses would take a tenth of the time of --help to import
@@ -127,11 +128,12 @@ class Registry:
 
     def _unfit(self, thing: Any) -> str:
         """Why `thing` cannot be used as such a kind, "" if it can."""
-        missing = [name for name in self.requires if not _has(thing, name)]
+        missing = [name for name in self.requires if not any(_has(thing, one) for one in name.split(" or "))]
         if self.attributes and not missing:
             import inspect  # slow to load, and only a class is looked into
 
-            if never := [name for name in self.requires if inspect.iscoroutinefunction(getattr(thing, name))]:
+            needed = [one for name in self.requires for one in name.split(" or ") if hasattr(thing, one)]
+            if never := [name for name in needed if inspect.iscoroutinefunction(getattr(thing, name))]:
                 return f"has async {', '.join(never)}; write def, not async def"
             try:
                 made = thing(*self.made_with)
@@ -300,7 +302,7 @@ STRATEGIES: Final = Registry(
         "extremum": "arva_hil.search.strategies.extremum:Extremum",
         "estimate": "arva_hil.search.strategies.estimate:Estimate",
     },
-    ("hear", "velocity"),
+    ("observe or hear", "velocity"),
     references=True,
     made_with=(1.0,),  # m/s
     attributes=("found",),

@@ -123,7 +123,7 @@ class _Tally:
         """Report to `audience` from here on; first an unusual layout of the log."""
         self._audience = audience
         if not self._log.stamped or self._log.layout != BIG.name:
-            audience.tell([LogLayout(0.0, self._log.path, self._log.layout if self._log.stamped else "")])
+            audience.emit([LogLayout(0.0, self._log.path, self._log.layout if self._log.stamped else "")])
 
     def counts(self) -> dict[str, int]:
         return {
@@ -144,7 +144,7 @@ class _Tally:
         return lines
 
     def _on_step(self) -> None:
-        self._audience.tell([LogClockSet(0.0, self._log.path)])
+        self._audience.emit([LogClockSet(0.0, self._log.path)])
 
 
 def _out(options: argparse.Namespace, stack: ExitStack) -> Link:

@@ -187,7 +187,7 @@ def _teller(one: Searcher, printer: Printer, watchers: Sequence[Observer]) -> Ca
     """Return the receiver of the events of a search. An observer that raises stops no search."""
     watchers = [_Named(one.member.name, printer, watchers)] if one.member.name else [printer, *watchers]
     audience = Audience([*watchers, one, one.log] if one.log else [*watchers, one])
-    return lambda event: audience.tell([event])
+    return lambda event: audience.emit([event])
 
 
 @dataclass

@@ -110,7 +110,7 @@ class EmulatedVehicle:
     def check_missing(self, now: float) -> Sequence[Event]:
         """Return an event if the vehicle is not found. Called once, at `missing_from` or at the end."""
         self.missing_from = None
-        return [] if self.session.vehicle else [HeartbeatMissing(now, self.name, self.session.heard())]
+        return [] if self.session.vehicle else [HeartbeatMissing(now, self.name, self.session.why_no_vehicle())]
 
     def status(self, now: float) -> VehicleStatus:
         """Return the status of the vehicle and its receivers."""

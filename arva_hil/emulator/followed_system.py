@@ -61,7 +61,7 @@ class FollowedSystem:
         return [FollowedSystemSilent(now, self.system, self._was_heard) if silent else back]
 
     def _on_pose(self, message: object, now: float) -> None:
-        self._navigation.hear(message, now)
+        self._navigation.on_message(message, now)
         newest = self._navigation.track.newest
         if newest is not None and newest != self._newest:
             self._heard_at, self._was_heard = now, True

@@ -41,7 +41,7 @@ class PlacedTransmitters:
 
     def observe(self, received: Received, now: float) -> list[Event]:
         """Use the heights among what the session received."""
-        if not self._requests or not self._requests.hear(received) or not self._frame:
+        if not self._requests or not self._requests.on_packets(received) or not self._frame:
             return []
         self._build(self._frame)
         return [GroundFound(now, self._vehicle)]

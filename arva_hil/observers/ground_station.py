@@ -61,7 +61,7 @@ class GroundStation:
             self._start_s = event.time_s
         if event.time_s >= self._due_s:
             self._due_s = event.time_s + _EVERY_S
-            self._tell(event.time_s - self._start_s)
+            self._send_status(event.time_s - self._start_s)
 
     def close(self) -> None:
         self._link.close()
@@ -84,7 +84,7 @@ class GroundStation:
             self._noted.append(self._place)
             self._place = None
 
-    def _tell(self, time_s: float) -> None:
+    def _send_status(self, time_s: float) -> None:
         self._link.read()  # what a ground station says is not for us
         if (system := self._system()) is None:
             return

@@ -23,7 +23,7 @@ class Audience:
         self.failed = 0
         self._observers = list(observers)
 
-    def tell(self, events: Sequence[Event]) -> None:
+    def emit(self, events: Sequence[Event]) -> None:
         """Give each event to all observers."""
         for event in events:
             for observer in self._observers:
@@ -39,4 +39,4 @@ class Audience:
         if len(left) < len(self._observers):  # not yet, while another one was told of
             self.failed += 1
             self._observers = left
-            self.tell([ObserverFailed(event.time_s, type(observer).__name__, shown(error))])
+            self.emit([ObserverFailed(event.time_s, type(observer).__name__, shown(error))])

@@ -151,7 +151,7 @@ class Live:
         emulator = self.emulator
         emulator.advance(now)
         lost = [error for output in emulator.output() if (error := self._write(output, now))]
-        self._audience.tell(emulator.events())
+        self._audience.emit(emulator.events())
         if lost:
             raise lost[0]
 
@@ -163,7 +163,7 @@ class Live:
         except LinkError as error:
             last = error if self._is_last(output.link, error, now) else None
         if link.away:  # the engine is told before the output counts as refused
-            self._audience.tell(self._monitors[output.link].look(now))
+            self._audience.emit(self._monitors[output.link].poll(now))
         self.emulator.written(output.id, accepted, now)
         return last
 
@@ -175,7 +175,7 @@ class Live:
             return True
         self._ready.forget(name)
         self.emulator.link_lost(name, str(error), now)
-        self._audience.tell([LinkLost(now, name, self.sinks[name].name, str(error))])
+        self._audience.emit([LinkLost(now, name, self.sinks[name].name, str(error))])
         return False
 
     def _check_links(self, now: float) -> None:
@@ -191,7 +191,7 @@ class Live:
                     self.emulator.receive(name, data, now)
         self._ready.renew()
         for monitor in self._monitors.values():
-            self._audience.tell(monitor.look(now))
+            self._audience.emit(monitor.poll(now))
 
 
 def replay(
@@ -216,7 +216,7 @@ def replay(
             while clock is not None and clock.now() < output.due and not stopped():
                 clock.wait(min(output.due, clock.now() + _SIGNALS_S))
             emulator.written(output.id, write(output), output.due)
-        audience.tell(emulator.events())
+        audience.emit(emulator.events())
         return emulator.next_deadline()
 
     due = emulator.next_deadline()

@@ -34,7 +34,7 @@ class LinkMonitor:
         self._lost_at = 0.0
         self._state, self._away = _STATE(link), link.away
 
-    def look(self, now: float) -> list[Event]:
+    def poll(self, now: float) -> list[Event]:
         """The events since the last call."""
         if (state := _STATE(self._link)) == self._state:  # then it is away as it was
             return []

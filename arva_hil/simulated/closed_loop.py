@@ -272,4 +272,4 @@ def _setups(scenario: Scenario, stream_hz: float) -> list[VehicleSetup]:
 def _teller(audience: Audience | None) -> Callable[[str, Event], None]:
     if audience is None:
         return lambda name, event: None
-    return lambda name, event: audience.tell([FromSearch(event.time_s, event, name)])
+    return lambda name, event: audience.emit([FromSearch(event.time_s, event, name)])

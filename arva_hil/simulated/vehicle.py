@@ -105,7 +105,7 @@ class SimulatedVehicle:
             ours = system in (0, self.system) and component in (0, _COMPONENT)
             if ours:
                 handler(self, message, packet)
-                self._tell_events()
+                self._emit_events()
 
     def poll(self, now: float) -> bytes:
         """The messages to send until `now`, each with the values of the time at which it was due."""
@@ -169,9 +169,9 @@ class SimulatedVehicle:
             pilot.step()
         if until > self._now:
             self._now = until
-        self._tell_events()
+        self._emit_events()
 
-    def _tell_events(self) -> None:
+    def _emit_events(self) -> None:
         pilot = self._pilot
         if pilot.ready and self._was_armed == pilot.armed:
             return

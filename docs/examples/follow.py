@@ -23,7 +23,7 @@ class Follow:
         self._centre: tuple[float, float] | None = None  # of the present cross
         self._corners: list[tuple[float, float]] = []
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         """Use one frame."""
         if not observation.heard:
             return

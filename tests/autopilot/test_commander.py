@@ -69,7 +69,7 @@ class Flight:
     def step(self) -> None:
         self.now += self._step
         chunk = self.vehicle.poll(self.now)
-        self.commander.hear(self.session.feed(chunk, self.now), self.now)
+        self.commander.on_packets(self.session.feed(chunk, self.now), self.now)
         self.vehicle.feed(self.session.poll(self.now)[0], self.now)
         told = self.commander.poll(self.now)
         self.commander.sent(self.now)
@@ -243,7 +243,7 @@ class Told:
 
     def say(self, message: Any, source: tuple[int, int] = (1, 1)) -> None:
         encoder = self._encoders.setdefault(source, Encoder(*source))
-        self.commander.hear(self.session.feed(encoder.pack(message), self.now), self.now)
+        self.commander.on_packets(self.session.feed(encoder.pack(message), self.now), self.now)
 
     def beat(self, mode: int, *, armed: bool = False, source: tuple[int, int] = (1, 1), autopilot: int = -1) -> None:
         if source == (1, 1) and autopilot < 0:
@@ -733,7 +733,7 @@ def test_no_values_of_the_vehicle_make_it_raise(phase: Phase, said: list[tuple[i
         head = bytes([len(payload), 0, 0, 0, 1, 1]) + msgid.to_bytes(3, "little")
         crc = x25crc(head + payload + bytes([dialect.mavlink_map[msgid].crc_extra])).crc
         received = told.session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), told.now)
-        told.commander.hear(received, told.now)
+        told.commander.on_packets(received, told.now)
         told.hear()
         told.session.take_events()
     if told.commander.phase in SILENT:

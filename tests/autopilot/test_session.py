@@ -319,7 +319,7 @@ def test_no_bytes_make_it_raise(chunks: list[bytes]) -> None:
             session.feed(chunk, 100.0 + i)
             session.poll(100.0 + i)
             session.take_events()
-        assert session.heard()
+        assert session.why_no_vehicle()
         assert no_pose(session.why_no_pose())
 
 
@@ -583,13 +583,13 @@ def test_a_passive_session_is_silent() -> None:
 
 
 def test_what_was_heard_when_there_was_nothing() -> None:
-    assert KeepingSession().heard() == NoVehicle("silence")
+    assert KeepingSession().why_no_vehicle() == NoVehicle("silence")
 
 
 def test_what_was_heard_when_it_was_noise() -> None:
     session = KeepingSession()
     session.feed(b"\x00\x80\x78" * 50, 0.0)
-    assert session.heard() == NoVehicle("no packets", bytes=150)
+    assert session.why_no_vehicle() == NoVehicle("no packets", bytes=150)
 
 
 def test_what_was_heard_when_it_was_a_ground_station() -> None:
@@ -597,7 +597,7 @@ def test_what_was_heard_when_it_was_a_ground_station() -> None:
     for i in range(3):
         tell(session, heartbeat(GCS, NONE), float(i), (255, 190))
     tell(session, attitude(1.0), 3.0, (1, 1))
-    heard = session.heard()
+    heard = session.why_no_vehicle()
     assert (heard.reason, heard.packets) == ("no heartbeat", 4)
     assert heard.sources == (("heartbeats of gcs", 255, 190, 3), ("packets", 1, 1, 1))
 
@@ -605,7 +605,7 @@ def test_what_was_heard_when_it_was_a_ground_station() -> None:
 def test_what_was_heard_when_it_was_another_vehicle() -> None:
     session = KeepingSession(target_system=5)
     tell(session, heartbeat(), 0.0, (1, 1))
-    assert session.heard().sources == (("heartbeats of quadrotor", 1, 1, 1),)
+    assert session.why_no_vehicle().sources == (("heartbeats of quadrotor", 1, 1, 1),)
 
 
 def test_a_vehicle_lost_and_back_is_said_once_each() -> None:
@@ -714,7 +714,7 @@ def test_a_hostile_link_does_not_fill_the_memory(known: bool) -> None:
     finally:
         tracemalloc.stop()
     assert len(session.take_events()) < 50
-    assert len(no_vehicle(session.heard())) < 5000
+    assert len(no_vehicle(session.why_no_vehicle())) < 5000
 
 
 # -- recorded flights --------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ WORDS = st.text("abc :_-", min_size=1, max_size=170).filter(lambda text: text ==
 def said_by(messages: Iterable[Any]) -> list[str]:
     """The texts that these messages complete."""
     texts = Complaints()
-    return [text for message in messages if (text := texts.hear_text(message))]
+    return [text for message in messages if (text := texts.on_text(message))]
 
 
 def chunks(text: str, id_: int) -> list[Any]:
@@ -48,7 +48,7 @@ def test_a_short_text_comes_at_once_and_only_once() -> None:
 
 def test_the_last_four_are_remembered() -> None:
     texts = Complaints()
-    assert all(texts.hear_text(chunks(f"text {n}", 0)[0]) for n in range(9))
+    assert all(texts.on_text(chunks(f"text {n}", 0)[0]) for n in range(9))
     assert texts.recent == ["text 5", "text 6", "text 7", "text 8"]
 
 
@@ -65,9 +65,9 @@ def test_a_text_without_its_end_is_not_mixed_with_the_next_of_its_number() -> No
 def test_texts_without_an_end_do_not_pile_up() -> None:
     texts = Complaints()
     for id_ in range(1, 1000):
-        texts.hear_text(chunks("a" * 60, id_)[0])
+        texts.on_text(chunks("a" * 60, id_)[0])
     assert len(texts._open) < 20
-    assert [texts.hear_text(chunk) for chunk in chunks("b" * 60, 2000)] == ["", "b" * 60]
+    assert [texts.on_text(chunk) for chunk in chunks("b" * 60, 2000)] == ["", "b" * 60]
 
 
 def test_an_empty_text_is_none() -> None:

@@ -302,8 +302,8 @@ def test_a_stream_that_stops_is_asked_for_as_soon_as_its_rate_is_too_low(sent_hz
     for step in range(1, 2000):
         now = step / 100
         if now <= until and int(now * sent_hz) > int((now - 0.01) * sent_hz):
-            streams.note(POSITION, now)
-            streams.note(ATTITUDE, now)
+            streams.on_message(POSITION, now)
+            streams.on_message(ATTITUDE, now)
             came.append(now)
         if streams.poll(now, 1, 1) and now > 1:
             asked.append(now)

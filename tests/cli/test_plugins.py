@@ -327,6 +327,7 @@ def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> N
     ("code", "why"),
     [
         ("class Mine:\n    def hear(self, o): ...\n", "lacks velocity"),
+        ("class Mine:\n    def velocity(self, t, p): ...\n", "lacks observe or hear"),
         (
             "class Mine:\n    def hear(self, o): ...\n    def velocity(self, t, p): ...\n",
             "cannot be created (TypeError",
@@ -347,7 +348,7 @@ def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> N
             "cannot be created (SystemExit: no)",
         ),
         (
-            "class Mine:\n    def __init__(self, speed): ...\n    def hear(self, o): ...\n"
+            "class Mine:\n    def __init__(self, speed): ...\n    def observe(self, o): ...\n"
             "    def velocity(self, t, p): ...\n    found = property(lambda self: 1 / 0)\n",
             "cannot be created (ZeroDivisionError: division by zero)",
         ),

@@ -86,7 +86,7 @@ def sent(setups: Sequence[VehicleSetup], said: Sequence[tuple[float, bytes]]) ->
             if output.link != "link":
                 written[output.link] = written.get(output.link, b"") + output.data
             emulator.written(output.id, True, now)
-        audience.tell(emulator.events())
+        audience.emit(emulator.events())
     return written, diary
 
 

@@ -94,7 +94,7 @@ def test_all_go_on_though_only_one_is_heard() -> None:
         emulator.advance(now)
         for output in emulator.output():
             emulator.written(output.id, True, now)
-        audience.tell(emulator.events())
+        audience.emit(emulator.events())
         now = min(emulator.next_deadline(), now + 0.01)
         emulator.receive("link 0", heartbeat(1), now)
     counts = {f"v{n}": sum(made.vehicle == f"v{n}" for made in diary.frames) for n in range(MANY)}

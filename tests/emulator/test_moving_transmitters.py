@@ -65,7 +65,7 @@ class Bench:
             self.emulator.advance(self.now)
             for output in self.emulator.output():
                 self.emulator.written(output.id, True, self.now)
-            self._audience.tell(self.emulator.events())
+            self._audience.emit(self.emulator.events())
 
     @property
     def frames(self) -> list[FrameMade]:

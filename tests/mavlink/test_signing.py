@@ -143,7 +143,7 @@ def test_a_vehicle_whose_clock_is_behind_is_believed_once_it_has_heard_us() -> N
     vehicle.codec.robust_parsing = True
     session.feed(vehicle.says(heartbeat()), 0.0)
     assert session.vehicle is None
-    heard = session.heard()
+    heard = session.why_no_vehicle()
     assert (heard.reason, dict(heard.refused)) == ("no signature", {"unsigned": 0, "forged": 0, "replayed": 1})
     vehicle.codec.parse_buffer(bytearray(session.poll(0.1)[0]))
     session.feed(vehicle.says(heartbeat()), 0.2)

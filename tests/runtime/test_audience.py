@@ -52,7 +52,7 @@ def test_it_is_switched_off_and_the_others_are_told_once(error: BaseException, a
     audience = Audience([bad, good])
     every = [Event(float(n)) for n in range(3)]
     for event in every:
-        audience.tell([event])
+        audience.emit([event])
     assert [event for event in good.events if not isinstance(event, ObserverFailed)] == every
     (failure,) = [event for event in good.events if isinstance(event, ObserverFailed)]
     assert (failure.time_s, failure.observer, bad.called, audience.failed) == (at - 1.0, "Raises", at, 1)
@@ -61,14 +61,14 @@ def test_it_is_switched_off_and_the_others_are_told_once(error: BaseException, a
 def test_two_that_fail_are_told_of_once_each() -> None:
     good = Remembers()
     audience = Audience([Raises(ValueError()), Raises(ValueError()), good])
-    audience.tell([Event(1.0)])
+    audience.emit([Event(1.0)])
     assert [type(event) for event in good.events] == [ObserverFailed, ObserverFailed, Event]
     assert audience.failed == 2
 
 
 def test_ctrl_c_is_no_error_of_an_observer() -> None:
     with pytest.raises(KeyboardInterrupt):
-        Audience([Raises(KeyboardInterrupt())]).tell([Event(1.0)])
+        Audience([Raises(KeyboardInterrupt())]).emit([Event(1.0)])
 
 
 def test_one_that_cannot_be_closed_keeps_no_other_from_it() -> None:

@@ -370,7 +370,7 @@ class Still(Link):
 def test_what_happens_between_two_looks_is_told_too(happens: Callable[[Still], None], lines: list[str]) -> None:
     link = Still()
     monitor = LinkMonitor("autopilot", link)
-    assert not monitor.look(1.0)
+    assert not monitor.poll(1.0)
     happens(link)
-    told = [sentence(event) for now in (2.0, 3.0) for event in monitor.look(now)]
+    told = [sentence(event) for now in (2.0, 3.0) for event in monitor.poll(now)]
     assert [notice.text for notice in told if notice] == lines

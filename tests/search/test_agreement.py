@@ -62,12 +62,12 @@ class Late(Flux):
         self.told: list[Observation] = []
         self._late = deque[Observation](maxlen=frames + 1)
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         self._late.append(observation)
         then = self._late[0]
         now = observation._replace(d_cm=then.d_cm, delta_deg=then.delta_deg, inner=then.inner)
         self.told.append(now)
-        super().hear(now)
+        super().observe(now)
 
 
 def test_what_readings_of_five_seconds_ago_lead_to_does_not_agree() -> None:

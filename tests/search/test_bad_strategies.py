@@ -54,7 +54,7 @@ def finding(said: Callable[[], Any]) -> type[GoTo]:
     """A strategy whose `found` is this once it has heard something."""
 
     class Bad(GoTo):
-        def hear(self, observation: Observation) -> None:
+        def observe(self, observation: Observation) -> None:
             self.found = said()
 
     return Bad

@@ -41,6 +41,6 @@ def test_the_best_place_by_the_drift_believed_is_used_though_another_drift_is_a_
         at = np.array([0.5 * k - 25, 20.0, -3.0])  # past it, on the side of the place far off
         d_m, delta = heard(at)
         o = Observation(1.5 * k, tuple(at.tolist()), np.eye(3), round(100 * d_m), round(math.degrees(delta)), False)
-        search.hear(o)
+        search.observe(o)
     assert search.belief.goal is not None
     assert math.dist(search.belief.goal, PLACE[:2]) < 1.0

@@ -39,7 +39,7 @@ class Confused(Estimate):
         self._rng = np.random.default_rng(3)
         self.circles = False
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         place = self.belief.goal
         known = self.belief.covariance is not None and max(self.belief.covariance) < 0.05
         if known and place is not None and math.dist(place, observation.position[:2]) < 1.7:
@@ -47,7 +47,7 @@ class Confused(Estimate):
         if self.circles:
             d_cm, delta_deg = int(self._rng.integers(400, 3000)), int(self._rng.integers(-89, 90))
             observation = observation._replace(d_cm=d_cm, delta_deg=delta_deg, inner=False)
-        super().hear(observation)
+        super().observe(observation)
 
 
 def test_though_its_cause_changes_whenever_it_looks(monkeypatch: pytest.MonkeyPatch) -> None:

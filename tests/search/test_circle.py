@@ -16,7 +16,7 @@ def test_it_leads_round_the_place_at_the_speed_asked_for(start: tuple[float, flo
     north, east = centre[0] + start[0], centre[1] + start[1]
     circle, bearings, flown_s = Circle(centre, (north, east, -3.0)), set(), 0.0
     while not circle.done and flown_s < 60:
-        circle.hear(centre)
+        circle.observe(centre)
         v_north, v_east = circle.velocity((north, east, -3.0), speed)
         assert math.hypot(v_north, v_east) <= min(speed, 0.8 * RADIUS_M) + 1e-9
         north, east, flown_s = north + 0.2 * v_north, east + 0.2 * v_east, flown_s + 0.2

@@ -52,7 +52,7 @@ class GoTo:
         self.found: Found | None = None
         self._speed = speed
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         if math.dist(observation.position[:2], VICTIM) < 0.5 and observation.heard:
             self.found = Found(*VICTIM)
 

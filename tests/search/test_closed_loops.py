@@ -53,5 +53,5 @@ def test_the_same_flight_again(make: Maker) -> None:
 def test_before_the_first_signal_it_stays(make: Maker, silent_s: float) -> None:
     seeker: Strategy = make(1.0)
     for time_s in (0.0, silent_s):
-        seeker.hear(Observation(time_s, (0.0, 0.0, -1.0), np.eye(3), -1, -1, False))
+        seeker.observe(Observation(time_s, (0.0, 0.0, -1.0), np.eye(3), -1, -1, False))
     assert seeker.velocity(silent_s + 0.5, (0.0, 0.0, -1.0)) == STILL

@@ -59,10 +59,10 @@ class Late(Estimate):
         super().__init__(speed)
         self._behind = deque[Observation](maxlen=readings + 1)
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         self._behind.append(observation)
         then = self._behind[0]
-        super().hear(observation._replace(d_cm=then.d_cm, delta_deg=then.delta_deg, inner=then.inner))
+        super().observe(observation._replace(d_cm=then.d_cm, delta_deg=then.delta_deg, inner=then.inner))
 
 
 @pytest.mark.parametrize(("late_s", "seed"), [(2, 0), (5, 1)])
@@ -102,7 +102,7 @@ def test_says_how_deep() -> None:
 
 def test_after_the_first_signal_it_follows_the_flux_line() -> None:
     seeker = Estimate(1.0)
-    seeker.hear(frame(0.0, 2500, 40))
+    seeker.observe(frame(0.0, 2500, 40))
     north, east = seeker.velocity(0.5, (0.0, 0.0, -1.0))
     assert math.hypot(north, east) == pytest.approx(1.0)
     assert abs(math.sin(math.atan2(east, north) - math.radians(40))) < 0.5
@@ -119,9 +119,9 @@ def test_what_lies_behind_it_is_found_behind_it() -> None:
 def test_goes_back_to_where_it_was_heard_best() -> None:
     seeker = Estimate(1.0)
     for k in range(3):
-        seeker.hear(frame(k, 4700 + 100 * k, 10, north=-k))
+        seeker.observe(frame(k, 4700 + 100 * k, 10, north=-k))
     for k in range(3, 12):
-        seeker.hear(frame(k, -1, -1, north=-10.0 * k))
+        seeker.observe(frame(k, -1, -1, north=-10.0 * k))
     assert seeker.velocity(12.0, (-110.0, 0.0, -1.0)) == pytest.approx((1.0, 0.0), abs=0.1)
 
 
@@ -130,7 +130,7 @@ def test_goes_to_what_it_has_found_and_stays_with_it() -> None:
     found = fly(seeker, PAPER[1]).found
     assert found is not None
     for k in range(5):
-        seeker.hear(frame(1e3 + k, 4000, 50, north=30.0 + k))
+        seeker.observe(frame(1e3 + k, 4000, 50, north=30.0 + k))
     assert seeker.found == found
     assert seeker.velocity(1e3, (found.north + 5, found.east, -1.0)) == pytest.approx((-1.0, 0.0), abs=0.1)
 
@@ -139,8 +139,8 @@ def test_a_position_that_is_not_a_number_is_passed_over() -> None:
     seeker, clean = Estimate(1.0), Estimate(1.0)
     for k in range(4):
         for each in (seeker, clean):
-            each.hear(frame(k, 2500 - 90 * k, 20, north=k))
-        seeker.hear(frame(k + 0.5, 2500, 20, north=math.nan))
+            each.observe(frame(k, 2500 - 90 * k, 20, north=k))
+        seeker.observe(frame(k + 0.5, 2500, 20, north=math.nan))
     assert seeker.velocity(4.0, (3.0, 0.0, -1.0)) == clean.velocity(4.0, (3.0, 0.0, -1.0))
 
 
@@ -152,7 +152,7 @@ NONSENSE = st.tuples(st.integers(-1, 65535), st.integers(-90, 90), st.floats(-10
 def test_nonsense_is_survived(said: list[tuple[int, int, float, float]], speed: float) -> None:
     seeker = Estimate(speed)
     for k, (d_cm, delta_deg, north, east) in enumerate(said):
-        seeker.hear(frame(3.0 * k, d_cm, delta_deg, north, east))
+        seeker.observe(frame(3.0 * k, d_cm, delta_deg, north, east))
         velocity = seeker.velocity(3.0 * k, (north, east, -1.0))
         assert math.hypot(*velocity) <= speed * (1 + 1e-9)
 
@@ -164,13 +164,13 @@ def test_blanks_and_outliers_are_survived(seed: int) -> None:
 
         n = 0
 
-        def hear(self, observation: Observation) -> None:
+        def observe(self, observation: Observation) -> None:
             self.n += 1
             if self.n % 9 == 0:
                 observation = observation._replace(d_cm=1234, delta_deg=-70, inner=False)
             elif self.n % 4 == 0:
                 observation = observation._replace(d_cm=-1, delta_deg=-1, inner=False)
-            super().hear(observation)
+            super().observe(observation)
 
     transmitter, start = buried(seed)
     assert fly(Deaf(1.0), transmitter, start=start, seed=seed).error_m < 1

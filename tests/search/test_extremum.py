@@ -40,16 +40,16 @@ def test_needs_no_direction() -> None:
 def test_never_too_fast(north: float, east: float, late_s: float, speed: float) -> None:
     seeker = Extremum(speed)
     for k in range(30):
-        seeker.hear(frame(k, 20 + math.sin(k), north=math.cos(k), east=math.sin(k)))
+        seeker.observe(frame(k, 20 + math.sin(k), north=math.cos(k), east=math.sin(k)))
     assert math.hypot(*seeker.velocity(29 + late_s, (north, east, -1.0))) <= speed * (1 + 1e-9)
 
 
 def test_goes_back_to_where_it_was_heard_best() -> None:
     seeker = Extremum(1.0)
     for k, d in enumerate([30, 29, 31, 20, 45]):
-        seeker.hear(frame(k, d, north=40.0 * k))
+        seeker.observe(frame(k, d, north=40.0 * k))
     for k in range(5, 12):
-        seeker.hear(frame(k, 0, north=120.0, east=200.0))
+        seeker.observe(frame(k, 0, north=120.0, east=200.0))
     assert seeker.velocity(11.0, (120.0, 200.0, -1.0)) == pytest.approx((0.0, -1.0), abs=0.05)
 
 

@@ -28,7 +28,7 @@ def frame(time_s: float, d_m: float, north: float = 0.0, east: float = 0.0, delt
 def told(flux: Flux, *frames: Observation) -> Velocity:
     """What is flown after these frames."""
     for observation in frames:
-        flux.hear(observation)
+        flux.observe(observation)
     return flux.velocity(frames[-1].time_s, frames[-1].position)
 
 
@@ -122,7 +122,7 @@ def flown(cross: Cross, d: list[float], place: tuple[float, float] = (0.0, 0.0),
         if cross.settled:
             break
         d.append(math.hypot(at[0] - place[0], at[1] - place[1], least))
-        cross.hear(k, (*at, -1.0), d[-1])
+        cross.observe(k, (*at, -1.0), d[-1])
         north, east = cross.target((*at, -1.0))
         way = math.hypot(north - at[0], east - at[1])
         share = min(1.0, 0.5 / way) if way else 0.0
@@ -148,7 +148,7 @@ def test_the_middle_of_what_is_alike_on_both_sides_is_its_middle(half: dict[int,
 def test_silence_is_no_place() -> None:
     cross, at = Cross((0.0, 0.0), 0.0), (0.0, 0.0)
     for k in range(200):
-        cross.hear(k, (*at, -1.0), math.inf)
+        cross.observe(k, (*at, -1.0), math.inf)
         at = cross.target((*at, -1.0))
         assert math.dist(at, (0.0, 0.0)) < 5
         assert not cross.settled
@@ -159,7 +159,7 @@ def test_silence_does_not_settle_what_the_arms_before_did_not() -> None:
     cross, at = Cross((0.0, 0.0), 0.0), (0.0, 0.0)
     for k in range(400):
         moved = math.dist(cross.centre, (6, 6)) < 1
-        cross.hear(k, (*at, -1.0), math.inf if moved else math.hypot(at[0] - 6, at[1] - 6, 2))
+        cross.observe(k, (*at, -1.0), math.inf if moved else math.hypot(at[0] - 6, at[1] - 6, 2))
         north, east = cross.target((*at, -1.0))
         share = min(1.0, 0.5 / max(1e-9, math.hypot(north - at[0], east - at[1])))
         at = at[0] + share * (north - at[0]), at[1] + share * (east - at[1])
@@ -171,7 +171,7 @@ def test_fifty_readings_a_second_at_places_that_scatter() -> None:
     rng, cross, at = np.random.default_rng(1), Cross((0.0, 0.0), 0.5), (0.0, 0.0)
     for k in range(50 * 90):
         seen = (at[0] + rng.normal(0, 0.3), at[1] + rng.normal(0, 0.3), -1.0)
-        cross.hear(k / 50, seen, math.hypot(at[0] - 1, at[1] + 2, 1.5))
+        cross.observe(k / 50, seen, math.hypot(at[0] - 1, at[1] + 2, 1.5))
         if cross.settled:
             break
         north, east = cross.target(seen)

@@ -41,7 +41,7 @@ class Vehicle:
         self.says(0.0, dialect.MAVLink_heartbeat_message(QUAD, ARDUPILOT, mode, 4, 4, 3))
 
     def says(self, now: float, *messages: Any) -> None:
-        self.ground.hear(self.session.feed(b"".join(map(self._encoder.pack, messages)), now), now)
+        self.ground.on_packets(self.session.feed(b"".join(map(self._encoder.pack, messages)), now), now)
 
     def height(self, now: float, above: float, *, sinks: float = 0.0, roll: float = 0.0) -> Height:
         place, velocity = np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks])

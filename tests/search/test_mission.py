@@ -29,7 +29,7 @@ from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import conclusion
 from arva_hil.search.strategies.analysis import TransmitterReadings
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity
 from firmware_proto import INNER, MID, Channel, Frame
 
 FOUND = in_words(because(Why.FOUND))
@@ -56,7 +56,7 @@ class Scripted:
     def found(self) -> Found | None:
         return self.finds
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         self.heard.append(observation)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
@@ -107,6 +107,23 @@ def heard(mission: Mission, *channels: Channel, at_s: float, position: Position 
 
 
 # -- before the first signal -------------------------------------------------------------------------------
+
+
+def test_a_strategy_may_have_hear_in_place_of_observe() -> None:
+    class Old(Strategy):
+        found = None
+
+        def __init__(self, speed: float) -> None: ...
+
+        def hear(self, observation: Observation) -> None:
+            heard.append(observation.d_cm)
+
+        def velocity(self, time_s: float, position: Position) -> Velocity:
+            return NORTH
+
+    heard: list[int] = []
+    Mission(SearchPlan(Old), 100.0, AT).on_frame(frame(beacon(7, 12.34)), 101.0, AT, LEVEL)
+    assert heard == [1234]
 
 
 def test_strips_are_flown_until_something_is_heard(strategy: type[Scripted]) -> None:

@@ -25,7 +25,7 @@ class Hover:
 
     def __init__(self, speed: float) -> None: ...
 
-    def hear(self, observation: Observation) -> None: ...
+    def observe(self, observation: Observation) -> None: ...
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         return STILL
@@ -34,8 +34,8 @@ class Hover:
 def mate() -> Teammate:
     """The first of two; the other one has flown its part, found a transmitter and landed."""
     first = Teammate(0, lambda news: None, TeamField(AREA, FRAME, 2))
-    first.tell(100.0, (46.0, 7.0, 1003.0), flying=True)
-    first.hear(News(1, 100.0, (46.0, 7.0003, 1000.0), False, found=(9,), flown=(1,)))
+    first.report(100.0, (46.0, 7.0, 1003.0), flying=True)
+    first.on_news(News(1, 100.0, (46.0, 7.0003, 1000.0), False, found=(9,), flown=(1,)))
     return first
 
 
@@ -51,7 +51,7 @@ def test_one_that_only_hears_a_transmitter_hardly_ends_after_two_rounds(team: bo
     while not m.ended:
         now += 0.5
         if with_mate:
-            with_mate.tell(now, (46.0, 7.0, 1003.0), flying=True, heard=[])
+            with_mate.report(now, (46.0, 7.0, 1003.0), flying=True, heard=[])
         few = [beacon(1, 63)] if round(2 * now) % 16 == 0 else []  # in one frame of sixteen
         m.on_frame(frame(*few), now, position, LEVEL)
         north, east, _ = m.fly(now, position)

@@ -26,7 +26,7 @@ def test_signals_tell_d_of_two_antennas_with_its_direction_and_d_of_three(
     of_two, of_three = (math.cbrt(KAPPA_EQ / (4 * math.pi * h)) for h in (math.hypot(x, y), math.hypot(x, y, z)))
     shown = round(100 * (of_three if inner else of_two))
     o = Observation(0.0, place, np.eye(3), shown, 0, inner, signal=(1e5 * x, 1e5 * y, 1e5 * z))
-    (d, delta, all_antennas), (d_3, _, all_3) = o.told
+    (d, delta, all_antennas), (d_3, _, all_3) = o.measurements
     assert (d, d_3) == pytest.approx((of_two, of_three), abs=0.01)
     assert (delta, all_antennas, all_3) == (pytest.approx(math.atan2(y, x)), False, True)
 
@@ -34,8 +34,8 @@ def test_signals_tell_d_of_two_antennas_with_its_direction_and_d_of_three(
 @pytest.mark.parametrize("signal", [None, (0.0, 0.0, 7.0), (3.0, 4.0, 0.0)])  # integers alone, no x and y, no antenna z
 def test_otherwise_it_tells_what_its_integers_say(signal: tuple[float, float, float] | None) -> None:
     o = Observation(0.0, (0.0, 0.0, -3.0), np.eye(3), 250, 30, False, signal=signal)
-    assert o.told == [(2.5, math.radians(30), False)]
-    assert Observation(0.0, (0.0, 0.0, -3.0), np.eye(3), -1, -1, False, signal=signal).told[0][0] < 0
+    assert o.measurements == [(2.5, math.radians(30), False)]
+    assert Observation(0.0, (0.0, 0.0, -3.0), np.eye(3), -1, -1, False, signal=signal).measurements[0][0] < 0
 
 
 def test_what_was_measured_comes_with_the_reading_of_its_channel() -> None:
@@ -63,7 +63,7 @@ def test_the_same_readings_with_signals_tell_the_place_better(turn: tuple[float,
             d_cm = round(100 * math.cbrt(1e6 * KAPPA_EQ / (4 * math.pi * math.hypot(x, y))))
             delta_deg = round(math.degrees(math.atan(y / x)))
             signal = (x, y, z) if with_signals else None
-            strategy.hear(Observation(float(k), at, np.eye(3), d_cm, delta_deg, False, signal=signal))
+            strategy.observe(Observation(float(k), at, np.eye(3), d_cm, delta_deg, False, signal=signal))
         nn, _, ee = strategy.belief.covariance or (math.inf,) * 3
         sigmas.append(math.hypot(nn, ee) ** 0.5)
     assert sigmas[0] < 0.7 * sigmas[1]

@@ -41,7 +41,7 @@ class Does:
     def __init__(self, does: Callable[[], Any], speed: float) -> None:
         self._does = does
 
-    def hear(self, observation: Observation) -> None: ...
+    def observe(self, observation: Observation) -> None: ...
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         said: Velocity = self._does()
@@ -178,7 +178,7 @@ def test_in_real_time_velocities_come_every_fifth_of_a_second_from_one_that_bloc
 class Finds(Does):
     """A strategy that has found a place at the first reading."""
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         self.found = Found(3.0, 4.0)
 
 

@@ -51,7 +51,7 @@ def told(number: int, *, hunting: int | None = None, found: tuple[int, ...] = ()
 
 def alone(number: int, now: float = 0.0) -> Teammate:
     mate = Teammate(number, lambda news: None)
-    mate.tell(now, HOME, flying=True)
+    mate.report(now, HOME, flying=True)
     return mate
 
 
@@ -65,26 +65,26 @@ def test_the_parts_of_an_area_are_side_by_side_and_all_of_it() -> None:
 def test_a_transmitter_is_taken_while_another_one_flies_there_and_once_it_is_found() -> None:
     mate = alone(1)
     assert not mate.taken(7, own=False)
-    mate.hear(told(2, hunting=7))
+    mate.on_news(told(2, hunting=7))
     assert mate.taken(7, own=False)
     assert not mate.taken(8, own=False)
-    mate.hear(told(2, found=(7,)))
-    mate.tell(1000.0, HOME, flying=True)
+    mate.on_news(told(2, found=(7,)))
+    mate.report(1000.0, HOME, flying=True)
     assert mate.taken(7, own=False)
 
 
 def test_of_two_that_fly_to_one_the_lower_number_goes_on() -> None:
     first, second = alone(0), alone(1)
-    first.hear(told(1, hunting=7))
-    second.hear(told(0, hunting=7))
+    first.on_news(told(1, hunting=7))
+    second.on_news(told(0, hunting=7))
     assert not first.taken(7, own=True, metres=30.0)
     assert second.taken(7, own=True, metres=30.0)
 
 
 def test_one_that_has_heard_it_twice_as_near_takes_it_from_whoever_flies_there() -> None:
     first, second = alone(0), alone(1)
-    first.hear(told(1, hunting=7, hunting_m=12.0))
-    second.hear(told(0, hunting=7, hunting_m=30.0))
+    first.on_news(told(1, hunting=7, hunting_m=12.0))
+    second.on_news(told(0, hunting=7, hunting_m=30.0))
     assert (first.taken(7, own=True, metres=30.0), second.taken(7, own=True, metres=12.0)) == (True, False)
     assert (first.taken(7, own=True, metres=20.0), second.taken(7, own=True, metres=20.0)) == (False, True)
     assert (second.taken(7, own=False, metres=16.0), second.taken(7, own=False, metres=14.0)) == (True, False)
@@ -104,18 +104,18 @@ def test_what_was_heard_and_nobody_flies_to_is_for_the_nearest_whose_strips_are_
     mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
     far, near, found = heard_at(7, 60.0, -40.0), heard_at(7, 20.0, 30.0), heard_at(8, 5.0, 10.0)
     for part in range(3):
-        mate.hear(News(1, 0.0, at(0, 9, 3), True, found=(8,), flown=(part,), heard=(far,)))
+        mate.on_news(News(1, 0.0, at(0, 9, 3), True, found=(8,), flown=(part,), heard=(far,)))
     mate.done()
-    mate.tell(0.0, HOME, flying=True, heard=[near, found])
+    mate.report(0.0, HOME, flying=True, heard=[near, found])
     assert (sent[-1].free, sent[-1].heard) == (True, (near,))  # what is found is no news
     assert mate.handed((0.0, 0.0, -3.0)) == pytest.approx((30.0, 0.0), abs=1e-3)  # where it was heard best
-    mate.hear(free(2, 25.0))
+    mate.on_news(free(2, 25.0))
     assert mate.handed((0.0, 0.0, -3.0)) is None  # another one is nearer,
-    mate.hear(free(2, 25.0, heard_at(9, 40.0, -20.0)))
+    mate.on_news(free(2, 25.0, heard_at(9, 40.0, -20.0)))
     assert mate.handed((0.0, 0.0, -3.0)) == pytest.approx((-20.0, 0.0), abs=1e-3)  # and each goes to one
-    mate.hear(told(1, hunting=9))
+    mate.on_news(told(1, hunting=9))
     assert mate.handed((0.0, 0.0, -3.0)) is None
-    mate.tell(9.0, HOME, flying=True, heard=[near])  # the others are not heard any more
+    mate.report(9.0, HOME, flying=True, heard=[near])  # the others are not heard any more
     assert mate.handed((0.0, 0.0, -3.0)) == pytest.approx((-20.0, 0.0), abs=1e-3)
     assert mate.handed((-20.0, 0.0, -3.0)) == pytest.approx((30.0, 0.0), abs=1e-3)  # it was not there
     assert mate.handed((30.0, 0.0, -3.0)) is None
@@ -127,7 +127,7 @@ def test_none_lands_where_another_one_has_landed() -> None:
     mate = alone(1)
     mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
     assert mate.beside((4.0, 0.0)) == (4.0, 0.0)
-    mate.hear(News(2, 0.0, at(4, 0, 0), False))
+    mate.on_news(News(2, 0.0, at(4, 0, 0), False))
     for place in ((4.0, 0.0), (4.0, 3.0)):
         assert math.dist(mate.beside(place), (4.0, 0.0)) > 6.0
     assert mate.beside((4.0, 8.0)) == (4.0, 8.0)
@@ -135,9 +135,9 @@ def test_none_lands_where_another_one_has_landed() -> None:
 
 def test_a_transmitter_of_one_that_is_not_heard_any_more_is_free() -> None:
     mate = alone(1, now=4.9)
-    mate.hear(told(2, hunting=7))
+    mate.on_news(told(2, hunting=7))
     assert mate.taken(7, own=False)
-    mate.tell(5.1, HOME, flying=True)
+    mate.report(5.1, HOME, flying=True)
     assert not mate.taken(7, own=False)
 
 
@@ -145,9 +145,9 @@ def test_news_go_to_all_others_five_times_a_second_and_at_once_when_something_ch
     bus = Bus()
     mates = [bus.join() for _ in range(3)]
     heard: list[News] = []
-    mates[2].hear = heard.append  # type: ignore[method-assign]
+    mates[2].on_news = heard.append  # type: ignore[method-assign]
     for tick in range(100):
-        mates[0].tell(tick / 100, HOME, flying=True, hunting=7 if tick == 50 else None)
+        mates[0].report(tick / 100, HOME, flying=True, hunting=7 if tick == 50 else None)
     assert 5 <= len(heard) <= 8
     assert [news.hunting for news in heard].count(7) == 1
 
@@ -174,7 +174,7 @@ def test_no_velocity_leads_to_another_vehicle(
 ) -> None:
     mate = alone(1)
     mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
-    mate.hear(News(2, 0.0, at(*other), flying, part=2))
+    mate.on_news(News(2, 0.0, at(*other), flying, part=2))
     assert mate.apart((0.0, 0.0, -3.0), wanted, 1.2) == pytest.approx(allowed, abs=1e-3)
 
 
@@ -199,8 +199,8 @@ def test_no_velocity_leads_to_another_vehicle(
 def test_it_makes_room_for_one_that_has_precedence(other: News, pushed: bool) -> None:
     mate = alone(1)
     mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
-    mate.tell(0.0, HOME, flying=True, hunting=8, hunting_m=20.0)
-    mate.hear(other)
+    mate.report(0.0, HOME, flying=True, hunting=8, hunting_m=20.0)
+    mate.on_news(other)
     north, _, _ = mate.apart((0.0, 0.0, -3.0), (0.0, 0.0, 0.0), 1.2)
     assert north == pytest.approx(-1.2 if pushed else 0.0, abs=1e-3)
 
@@ -227,11 +227,11 @@ def test_the_upper_ones_search_lower_once_all_below_have_landed(
     plan = mate.plan(mate.layered(SearchPlan(STRATEGIES["flux"])), FRAME)
     assert plan.height == 6.0
     for other in others:
-        mate.hear(other)
+        mate.on_news(other)
     assert mate.height(plan.height, height, (0.0, 0.0, -height)) == pytest.approx(wanted)
     unlayered = alone(1)
     unlayered.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
-    unlayered.hear(News(0, 0.0, at(9, 0, 0), False))
+    unlayered.on_news(News(0, 0.0, at(9, 0, 0), False))
     assert unlayered.height(3.0, 3.0, (0.0, 0.0, -3.0)) == 3.0
 
 
@@ -256,7 +256,7 @@ class Hunter:
         self._there_s += 0.5 * (math.dist((north, east), self._place) < 2.0)
         over = self._there_s > 10.0
         hunting = None if over else self.mate.number
-        self.mate.tell(now, at(north, east, -self.at[2]), flying=not self.landed, hunting=hunting, searching=not over)
+        self.mate.report(now, at(north, east, -self.at[2]), flying=not self.landed, hunting=hunting, searching=not over)
         wanted = (*towards(self.at, circle, 1.0), 0.0)
         if over:
             self._descent = self._descent or descent_of(self.mate, self._place, 1.0, now, -self.at[2])
@@ -288,7 +288,7 @@ def test_it_says_when_it_leaves_its_transmitter_to_another_search() -> None:
     heard = Frame(1, 1, (Channel(7, 1, 2000, 0),))
     mission.on_frame(heard, 1.0, (0.0, 0.0, -3.0), np.eye(3))
     assert mission.choice.target == 7
-    mate.hear(told(0, found=(7,)))
+    mate.on_news(told(0, found=(7,)))
     mission.on_frame(Frame(2, 1, heard.channels), 2.0, (1.0, 0.0, -3.0), np.eye(3))
     assert mission.choice.target is None
     assert [event.transmitter for event in said if isinstance(event, TransmitterLeft)] == [7]
@@ -300,7 +300,7 @@ def test_one_that_flies_to_a_transmitter_for_long_goes_to_another_one_and_leaves
     choice = Choice(guidance, lambda id_, own: False, said.append, 240.0)
     for now in range(243):
         for id_, metres in ((7, 20.0), (8, 40.0)):
-            choice.note(id_, Observation(float(now), (0.1 * now, 0.0, -3.0), np.eye(3), round(metres * 100), 0, False))
+            choice.add(id_, Observation(float(now), (0.1 * now, 0.0, -3.0), np.eye(3), round(metres * 100), 0, False))
         choice.choose((7, 8), float(now))
         assert choice.target == (7 if now <= 240 else 8)
     assert [event.transmitter for event in said if isinstance(event, TransmitterLeft)] == [7]
@@ -311,7 +311,7 @@ def test_a_search_that_finds_nothing_does_not_land_on_another_vehicle() -> None:
     plan = mate.plan(SearchPlan(STRATEGIES["flux"], limit_s=1.0), FRAME)
     mission = Mission(plan, 0.0, (0.0, 0.0, -6.0), land=True, team=mate)
     place, now = (0.0, 0.0, -6.0), 0.0
-    mate.hear(News(2, 0.0, at(1, 0, 0), False))
+    mate.on_news(News(2, 0.0, at(1, 0, 0), False))
     while not mission.over:
         velocity = mate.apart(place, mission.fly(now, place), 1.0)
         place = tuple(a + 0.2 * v for a, v in zip(place, velocity, strict=True))  # type: ignore[assignment]
@@ -334,7 +334,7 @@ class Flyer:
         self.track: list[tuple[float, float]] = []  # in the team's frame
 
     def step(self, now: float, *, searching: bool = True) -> None:
-        self.mate.tell(now, at(self.place[0], self.place[1] + self._east, 3), flying=True, searching=searching)
+        self.mate.report(now, at(self.place[0], self.place[1] + self._east, 3), flying=True, searching=searching)
         if searching:
             north, east = self.strips.velocity(now, self.place)
             self.place = (self.place[0] + north, self.place[1] + east, -3.0)
@@ -381,15 +381,15 @@ def test_who_waits_for_another_hovers_and_of_two_that_claim_one_part_the_lower_n
     first, second = mates[0], Teammate(1, lambda news: None, TeamField((-60.0, -45.0, 60.0, 45.0), FRAME, 3))
     for mate, other in ((first, second), (second, first)):
         mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
-        mate.tell(0.0, HOME, flying=True)
-        mate.hear(News(other.number, 0.0, at(0, 9, 3), True, part=other.number))
-        mate.hear(News(2, 0.0, at(0, 9, 3), True, part=2))
+        mate.report(0.0, HOME, flying=True)
+        mate.on_news(News(other.number, 0.0, at(0, 9, 3), True, part=other.number))
+        mate.on_news(News(2, 0.0, at(0, 9, 3), True, part=2))
         mate.done()
         assert mate.claim() is None
         assert mate.waits
-        mate.hear(News(2, 0.0, at(0, 9, 3), True, part=None))
+        mate.on_news(News(2, 0.0, at(0, 9, 3), True, part=None))
         assert mate.claim() == pytest.approx(divide((-60.0, -45.0, 60.0, 45.0), 3)[2], abs=1e-6)
-        mate.hear(News(other.number, 0.0, at(0, 9, 3), True, part=2))
+        mate.on_news(News(other.number, 0.0, at(0, 9, 3), True, part=2))
     assert not first.yields
     assert second.yields
 
@@ -409,8 +409,8 @@ def test_who_waits_for_another_hovers_and_of_two_that_claim_one_part_the_lower_n
 def test_a_vehicle_under_another_one_does_not_take_off(other: News, under: bool) -> None:
     mate = Teammate(1, lambda news: None)
     assert not mate.under_another
-    mate.tell(0.0, HOME, flying=False)
-    mate.hear(other)
+    mate.report(0.0, HOME, flying=False)
+    mate.on_news(other)
     assert mate.under_another == under
 
 
@@ -426,7 +426,7 @@ def test_who_takes_off_late_waits_until_nobody_is_above(until_s: float, flies: b
     def over() -> bool:
         now = clock.now()
         assert second.search._team is not None
-        second.search._team.hear(News(0, now, (lat + (now > until_s) * 1e-3, lon, alt + 5.0), True, part=0))
+        second.search._team.on_news(News(0, now, (lat + (now > until_s) * 1e-3, lon, alt + 5.0), True, part=0))
         if second.vehicle.flying:
             flying.append(now)
         return bool(flying) or second.search.outcome is not None

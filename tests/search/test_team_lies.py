@@ -102,7 +102,7 @@ class Lied:
             self._watch(drone, places[drone.name])
             assert drone.search._team is not None
             if now >= BEGINS_S:
-                drone.search._team.hear(self._lie(now, places[drone.name]))
+                drone.search._team.on_news(self._lie(now, places[drone.name]))
         return now + 0.2
 
     def _watch(self, drone: Drone, place: Place) -> None:
@@ -149,7 +149,7 @@ def test_out_of_the_way_of_one_vehicle_is_never_the_way_to_another(
 def member(number: int = 1) -> Teammate:
     mate = Teammate(number, lambda news: None, FIELD)
     mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
-    mate.tell(0.0, HOME, flying=True)
+    mate.report(0.0, HOME, flying=True)
     return mate
 
 
@@ -157,7 +157,7 @@ def test_its_own_part_is_flown_whatever_the_others_say() -> None:
     mate = member()
     place = (0.0, 0.0, -3.0)
     strips = strips_of(mate, SearchPlan(STRATEGIES["flux"], strip_width=10.0), place)
-    mate.hear(News(0, 0.0, at(0, 9, 3), True, part=1, flown=(0, 1, 2)))
+    mate.on_news(News(0, 0.0, at(0, 9, 3), True, part=1, flown=(0, 1, 2)))
     for _ in range(3):
         assert strips.velocity(0.0, place) != (0.0, 0.0)
     assert not strips.exhausted
@@ -165,12 +165,12 @@ def test_its_own_part_is_flown_whatever_the_others_say() -> None:
 
 def test_the_part_of_one_that_comes_back_is_left_to_it() -> None:
     mate = member(0)
-    mate.hear(News(1, 0.0, at(0, 0, 3), True, part=1))
+    mate.on_news(News(1, 0.0, at(0, 0, 3), True, part=1))
     mate.done()
-    mate.tell(61.0, HOME, flying=True)
+    mate.report(61.0, HOME, flying=True)
     assert mate.claim() is not None
     for number in (1, 2):
-        mate.hear(News(number, 61.0, at(0, 0, 3), True, part=number))
+        mate.on_news(News(number, 61.0, at(0, 0, 3), True, part=number))
     assert mate.yields
 
 
@@ -178,14 +178,14 @@ def test_no_transmitter_is_flown_to_that_was_heard_far_outside_the_area() -> Non
     mate = member()
     for east, flown_to in ((45.0, True), (55.0, False)):
         heard = HeardAt(7, 5.0, *at(0, east, 0)[:2])
-        mate.hear(News(2, 0.0, at(0, 9, 3), True, heard=(heard,)))
+        mate.on_news(News(2, 0.0, at(0, 9, 3), True, heard=(heard,)))
         assert (mate.handed((0.0, 0.0, -3.0)) is not None) == flown_to
 
 
 @pytest.mark.parametrize(("east", "wanted", "made"), [(45.0, 0.0, True), (55.0, 0.0, False), (55.0, 0.5, True)])
 def test_nobody_drives_it_far_out_of_the_area(east: float, wanted: float, made: bool) -> None:
     mate = member()
-    mate.hear(News(2, 0.0, at(0, east - 3, 3), True, hunting=7, hunting_m=1.0))
+    mate.on_news(News(2, 0.0, at(0, east - 3, 3), True, hunting=7, hunting_m=1.0))
     velocity = mate.apart((0.0, east, -3.0), (0.0, wanted, 0.0), 1.0)
     assert velocity == pytest.approx((0.0, 1.0 if made else 0.0, 0.0), abs=0.01)
 
@@ -195,6 +195,6 @@ def test_below_half_its_height_it_makes_no_room_and_only_climbs() -> None:
     mission = Mission(SearchPlan(STRATEGIES["flux"]), 0.0, (0.0, 0.0, -3.0), team=mate)
     for height_m, made in ((3.0, True), (1.4, False)):
         place = (0.0, 0.0, -height_m)
-        mate.hear(News(0, 0.0, at(3, 0, height_m), True, hunting=7, hunting_m=1.0))
+        mate.on_news(News(0, 0.0, at(3, 0, height_m), True, hunting=7, hunting_m=1.0))
         north, east, down = mate.apart(place, mission.fly(1.0, place), mission.pace)
         assert (math.hypot(north, east) > 0.9, down < -0.9) == (made, not made)

@@ -40,7 +40,7 @@ def at(north: float, east: float, up: float) -> tuple[float, float, float]:
 def one(now: float = 0.0, speed: float = 1.0) -> Teammate:
     mate = Teammate(1, lambda news: None, TeamField((-60.0, -45.0, 60.0, 45.0), FRAME, 3))
     mate.plan(SearchPlan(STRATEGIES["flux"], speed=speed), FRAME)
-    mate.tell(now, HOME, flying=True)
+    mate.report(now, HOME, flying=True)
     return mate
 
 
@@ -68,7 +68,7 @@ def test_from_one_that_is_not_heard_it_keeps_farther_off_at_any_height(
     allowed: tuple[float, float, float],
 ) -> None:
     mate = one(age_s, speed)
-    mate.hear(News(2, 0.0, at(*other), True, part=2, hunting=7))
+    mate.on_news(News(2, 0.0, at(*other), True, part=2, hunting=7))
     assert mate.apart((0.0, 0.0, -3.0), wanted, speed) == pytest.approx([v * 1.0 for v in allowed], abs=2e-3) or (
         speed == 3 and mate.apart((0.0, 0.0, -3.0), wanted, speed)[0] < -1.0
     )
@@ -76,11 +76,11 @@ def test_from_one_that_is_not_heard_it_keeps_farther_off_at_any_height(
 
 def test_one_that_says_that_it_is_lost_is_kept_off_at_once_and_one_on_the_ground_stays_where_it_is() -> None:
     mate = one()
-    mate.hear(News(2, 0.0, at(5, 0, 40), True, lost=True))
+    mate.on_news(News(2, 0.0, at(5, 0, 40), True, lost=True))
     assert mate.apart((0.0, 0.0, -3.0), (1.0, 0.0, 0.0), 1.0)[0] < 0
     assert mate.above_another((0.0, 0.0, -3.0))
     assert math.dist(mate.beside((5.0, 1.0)), (5.0, 0.0)) > 9.5
-    mate.hear(News(2, 0.0, at(5, 0, 0), False, lost=True))
+    mate.on_news(News(2, 0.0, at(5, 0, 0), False, lost=True))
     assert mate.apart((0.0, 0.0, -3.0), (1.0, 0.0, 0.0), 1.0) == (1.0, 0.0, 0.0)
     assert math.dist(mate.beside((5.0, 1.0)), (5.0, 0.0)) == pytest.approx(7.0, abs=0.01)
     assert mate.lost == {}
@@ -88,14 +88,14 @@ def test_one_that_says_that_it_is_lost_is_kept_off_at_once_and_one_on_the_ground
 
 def test_it_does_not_wait_for_a_place_where_one_that_is_lost_may_be() -> None:
     mate, here = one(6.0), (-48.0, 0.0, -3.0)
-    mate.hear(News(2, 0.0, at(-56, 0, 3), True))
+    mate.on_news(News(2, 0.0, at(-56, 0, 3), True))
     strips = strips_of(mate, mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME), here)
     north, _ = strips.velocity(6.0, here)
     assert north > 0.5  # to the other end of its lane
     mate.done()
     for number in (0, 2):
-        mate.hear(News(number, 6.0 * (number == 0), at(-56, 0, 3), number == 2, flown=(0, 2)))
-    mate.hear(News(0, 6.0, at(50, 0, 0), False, flown=(0, 2), heard=(HeardAt(7, 9.0, *at(-55, 0, 0)[:2]),)))
+        mate.on_news(News(number, 6.0 * (number == 0), at(-56, 0, 3), number == 2, flown=(0, 2)))
+    mate.on_news(News(0, 6.0, at(50, 0, 0), False, flown=(0, 2), heard=(HeardAt(7, 9.0, *at(-55, 0, 0)[:2]),)))
     assert mate.handed((0.0, 0.0, -3.0)) == pytest.approx((-55.0, 0.0), abs=1e-3)
     assert mate.handed(here) is None  # it comes no nearer
 
@@ -103,12 +103,12 @@ def test_it_does_not_wait_for_a_place_where_one_that_is_lost_may_be() -> None:
 def test_between_those_that_are_lost_it_lands_where_it_is_rather_than_to_hover_for_ever() -> None:
     mate, place = one(9.0), (0.0, 0.0, -3.0)
     for number, north, east in ((0, 7, 0), (2, 0, 7), (3, -7, 0), (4, 0, -7)):
-        mate.hear(News(number, 0.0, at(north, east, 3), True))
+        mate.on_news(News(number, 0.0, at(north, east, 3), True))
     mission = Mission(SearchPlan(STRATEGIES["flux"], limit_s=1.0), 9.0, place, land=True, team=mate)
     mission.found = Found(5.0, 0.0)
     now = 9.0
     while not mission.over and now < 120.0:
-        mate.tell(now, at(place[0], place[1], -place[2]), flying=True)
+        mate.report(now, at(place[0], place[1], -place[2]), flying=True)
         velocity = mate.apart(place, mission.fly(now, place), 1.0)
         place = tuple(a + 0.2 * v for a, v in zip(place, velocity, strict=True))  # type: ignore[assignment]
         now += 0.2
@@ -118,7 +118,7 @@ def test_between_those_that_are_lost_it_lands_where_it_is_rather_than_to_hover_f
 
 def test_a_place_found_where_one_that_is_lost_may_be_is_told_without_flying_there() -> None:
     mate, here = one(9.0), (-4.5, 0.0, -3.0)
-    mate.hear(News(2, 0.0, at(5, 0, 3), True))
+    mate.on_news(News(2, 0.0, at(5, 0, 3), True))
     mission = Mission(SearchPlan(STRATEGIES["flux"]), 9.0, here, team=mate)
     mission.found, mission.sure = Found(3.0, 0.0), False
     mission.fly(9.0, here)
@@ -127,11 +127,11 @@ def test_a_place_found_where_one_that_is_lost_may_be_is_told_without_flying_ther
 
 def test_a_pause_of_its_own_program_is_not_the_silence_of_the_others() -> None:
     mate = one()
-    mate.hear(News(2, 0.0, at(9, 0, 3), True, part=2, hunting=7))
+    mate.on_news(News(2, 0.0, at(9, 0, 3), True, part=2, hunting=7))
     mate.skip(10.0)
-    mate.tell(10.0, HOME, flying=True)
+    mate.report(10.0, HOME, flying=True)
     assert (mate.taken(7, own=False), mate.lost) == (True, {})
-    mate.tell(15.2, HOME, flying=True)
+    mate.report(15.2, HOME, flying=True)
     assert (mate.taken(7, own=False), list(mate.lost)) == (False, [2])
 
 
@@ -158,7 +158,7 @@ def test_the_others_know_of_one_on_the_ground_of_one_that_its_pilot_flies_and_of
     waiting, taken, lost, watching = loop.drones
     mate = watching.search._team
     assert mate is not None
-    waiting.search._preflight.look = lambda now: False  # type: ignore[method-assign]
+    waiting.search._preflight.check = lambda now: False  # type: ignore[method-assign]
     tasks = [Killed(lost, 12.0) if task is lost.search else task for task in loop.tasks]
     clock = StepClock()
 
@@ -180,6 +180,6 @@ def test_the_others_know_of_one_on_the_ground_of_one_that_its_pilot_flies_and_of
     assert [(name, event.number, event.apart_m) for name, event in said if isinstance(event, TeammateLost)] == [
         (watching.name, 3, 9.0)
     ]
-    mate.hear(News(2, 21.0, news.lla, False))
+    mate.on_news(News(2, 21.0, news.lla, False))
     run(tasks, clock, until=21.5)
     assert [event.number for name, event in said if isinstance(event, TeammateBack)] == [3]

@@ -44,10 +44,10 @@ def sent(news: News) -> Any:
 
 
 def test_news_are_read_as_they_were_told_on_the_own_clock() -> None:
-    heard = TeamTunnel(SYSTEMS, COMPONENT).hear(packet(sent(NEWS)), 90.0)
+    heard = TeamTunnel(SYSTEMS, COMPONENT).on_packet(packet(sent(NEWS)), 90.0)
     assert heard == replace(NEWS, time_s=90.0)
     least = News(2, 0.0, (-90.0, 180.0, -10.0), False)
-    assert TeamTunnel(SYSTEMS, COMPONENT).hear(packet(sent(least), 13), 1.0) == replace(least, time_s=1.0)
+    assert TeamTunnel(SYSTEMS, COMPONENT).on_packet(packet(sent(least), 13), 1.0) == replace(least, time_s=1.0)
     free = replace(NEWS, part=None, hunting=None, hunting_m=math.inf, free=True)
     assert decode(encode(free), 3) == free
     assert len(encode(replace(NEWS, found=tuple(range(40)), heard=HEARD * 20))) <= 128
@@ -77,9 +77,9 @@ def test_all_else_changes_nothing(system: int, component: int, changes: dict[str
     message = sent(NEWS)
     for name, value in changes.items():
         setattr(message, name, value)
-    assert TeamTunnel(SYSTEMS, COMPONENT).hear(packet(message, system, component), 1.0) is None
+    assert TeamTunnel(SYSTEMS, COMPONENT).on_packet(packet(message, system, component), 1.0) is None
     heartbeat = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)
-    assert TeamTunnel(SYSTEMS, COMPONENT).hear(packet(heartbeat), 1.0) is None
+    assert TeamTunnel(SYSTEMS, COMPONENT).on_packet(packet(heartbeat), 1.0) is None
 
 
 @pytest.mark.parametrize("version", [0, 1, 255])
@@ -103,7 +103,7 @@ def test_what_is_repeated_overtaken_or_long_on_the_way_is_dropped() -> None:
     tunnel = TeamTunnel(SYSTEMS, COMPONENT)
 
     def heard(sent_s: float, now: float) -> bool:
-        return tunnel.hear(packet(sent(replace(NEWS, time_s=sent_s))), now) is not None
+        return tunnel.on_packet(packet(sent(replace(NEWS, time_s=sent_s))), now) is not None
 
     assert heard(100.0, 10.0)
     assert not heard(100.0, 10.1)  # again
@@ -125,7 +125,7 @@ def test_a_search_tells_and_hears_over_its_autopilots_link_and_believes_no_stran
         SearchPlan(STRATEGIES["flux"]), session, near, memory.pair()[0], Decoder(), start=0.0, team=mate, tunnel=tunnel
     )
     clock = StepClock()
-    mate.tell(0.0, HOME, flying=True)
+    mate.report(0.0, HOME, flying=True)
     far.write(Encoder(11, 1).pack(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)))
     for system, id_ in ((12, 7), (99, 8)):
         far.write(Encoder(system, COMPONENT).pack(sent(replace(NEWS, found=(id_,)))))
@@ -134,6 +134,6 @@ def test_a_search_tells_and_hears_over_its_autopilots_link_and_believes_no_stran
     assert not mate.taken(8, own=False)
     (told,) = [one for one in Parser().feed(far.read()) if one.msgid == dialect.MAVLINK_MSG_ID_TUNNEL]
     assert (told.system, told.component) == (11, COMPONENT)
-    told_news = TeamTunnel(SYSTEMS, COMPONENT).hear(told, 0.0)
+    told_news = TeamTunnel(SYSTEMS, COMPONENT).on_packet(told, 0.0)
     assert told_news is not None
     assert (told_news.number, told_news.part) == (0, 0)

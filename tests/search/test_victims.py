@@ -59,7 +59,7 @@ class Receiver:
             result = DONE if command.name == IDENTIFY and result else result
             if result:
                 answer = CommandAnswer(command.number, command.name, result, (4,), "pulsed 1")
-                self.host.hear(BINARY_HOST.answer(answer), 0.0)
+                self.host.feed(BINARY_HOST.answer(answer), 0.0)
         return True
 
     @property
@@ -338,7 +338,7 @@ class GoToEach:
         self._speed = speed
         self._place = PLACES[1]
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         if observation.heard:
             self._place = PLACES[observation.delta_deg]
             if math.dist(observation.position[:2], self._place) < 0.5:

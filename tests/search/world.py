@@ -72,7 +72,7 @@ def fly(
         told = place + [rng.gauss(0, gps_m) for _ in place]
         heard.append(Observation(now, _tuple(told), R, slot.d_cm, slot.delta_deg, slot.zone == Zone.INNER))
         heard[-1] = heard[-1]._replace(ground=fall * float(place[0]) if fall else None)
-        strategy.hear(heard[-1])
+        strategy.observe(heard[-1])
         for _ in range(steps):
             wanted = strategy.velocity(now, _tuple(told))
             fastest = max(fastest, math.hypot(*wanted))

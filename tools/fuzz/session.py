@@ -132,7 +132,7 @@ class Bench:
 
     def _ask(self) -> None:
         session = self._sides[0]
-        assert len(no_vehicle(session.heard())) < 10_000
+        assert len(no_vehicle(session.why_no_vehicle())) < 10_000
         assert no_pose(session.why_no_pose())
 
     def _emitted(self, events: Sequence[Event]) -> None:

@@ -76,12 +76,12 @@ class Member:
         tunnel = struct.pack("<HBBB", TEAM_TYPE, 0, 0, len(payload)) + payload.ljust(128, b"\0")
         raw = packet(dialect.MAVLINK_MSG_ID_TUNNEL, tunnel, (SYSTEMS[number], COMPONENT), sequence=sequence)
         for one in self._parser.feed(raw):
-            if (news := self._tunnel.hear(one, self._now)) is None:
+            if (news := self._tunnel.on_packet(one, self._now)) is None:
                 continue
             assert news.number == number, f"{news}: in the name of another one"
             assert all(map(math.isfinite, news.lla)), news
             assert max(abs(news.lla[0]) - 90, abs(news.lla[1]) - 180) <= 0, news
-            self._mate.hear(news)
+            self._mate.on_news(news)
             if number != self._number:
                 self._news[number] = news
 
@@ -115,7 +115,7 @@ class Member:
         lla = tuple(float(value) for value in FRAME.lla(at))
         flags = s.number()
         hunting = flags >> 4 if flags & 8 else None
-        mate.tell(self._now, lla, flying=True, hunting=hunting, hunting_m=20.0, searching=not flags & 1)  # type: ignore[arg-type]
+        mate.report(self._now, lla, flying=True, hunting=hunting, hunting_m=20.0, searching=not flags & 1)  # type: ignore[arg-type]
         for message in self._tunnel.poll():
             sent = decode(bytes(message.payload[: message.payload_length]), len(SYSTEMS))
             assert sent is not None, "its own news do not pass the decoder"

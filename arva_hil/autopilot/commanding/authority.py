@@ -63,7 +63,7 @@ class Authority:
         """True if the vehicle is in a mode that our orders do not cause."""
         return bool(self._ours) and self.mode not in self._ours
 
-    def hear(self, mode: int, since: float, now: float) -> None:
+    def on_mode(self, mode: int, since: float, now: float) -> None:
         """A report of the mode, which came after `since` and is read `now`."""
         self.mode = mode
         if not self._question:
@@ -71,7 +71,7 @@ class Authority:
         if self.in_mode:
             self._ours = frozenset({mode})
 
-    def hear_answer(self, message: Any) -> None:
+    def on_timesync(self, message: Any) -> None:
         """The vehicle sent a TIMESYNC."""
         if self._question and message.tc1 and message.ts1 == self._question:
             self._question = 0

@@ -49,7 +49,7 @@ class Commander(FlightState):
         self._arm_timeout_s = arm_timeout_s
         self._velocity = _STILL
         self._tries = 0  # to arm
-        self._heard_since = 0.0  # the messages heard now came after this time
+        self._read_since = 0.0  # the messages read now came after this time
         self._offered: list[Callable[[float], None]] = []  # called after the present messages were sent
 
     @property
@@ -194,19 +194,19 @@ class Commander(FlightState):
             return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
         return modes.to_set(vehicle, self.authority.wanted), _REPEAT_S
 
-    def hear(self, received: Received, now: float, since: float | None = None) -> None:
+    def on_packets(self, received: Received, now: float, since: float | None = None) -> None:
         """Use the packets that the session received.
 
         `since`: the time at which the link was last read until it was empty; default: now.
         """
-        self._heard_since = now if since is None else since
-        for msgid, message in received.messages(_HEARD):
-            _HEARD[msgid](self, message, now)
+        self._read_since = now if since is None else since
+        for msgid, message in received.messages(_HANDLERS):
+            _HANDLERS[msgid](self, message, now)
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         if message.autopilot != self._vehicle.autopilot:
             return
-        self.authority.hear(message.custom_mode, self._heard_since, now)
+        self.authority.on_mode(message.custom_mode, self._read_since, now)
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         if not self.phase.active:
             return
@@ -230,33 +230,33 @@ class Commander(FlightState):
 
         PX4 changes its mode when it disarms after a landing. The heartbeat shows that this was not the pilot.
         """
-        self.authority.hear(message.custom_mode, self._heard_since, now)
+        self.authority.on_mode(message.custom_mode, self._read_since, now)
         if self.phase.active and self.phase is not Phase.LANDING:
             self._watch_mode(now)
 
     def _on_timesync(self, message: Any, now: float) -> None:
-        self.authority.hear_answer(message)
+        self.authority.on_timesync(message)
 
     def _on_ack(self, message: Any, now: float) -> None:
-        taken = self._session.answers_us(message) and self._complaints.hear_ack(message)
+        taken = self._session.answers_us(message) and self._complaints.on_ack(message)
         if taken and self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
             self._next_order = now + _TAKE_OFF_AGAIN_S
 
     def _on_text(self, message: Any, now: float) -> None:
-        if text := self._complaints.hear_text(message):
+        if text := self._complaints.on_text(message):
             self._emit(AutopilotText(now, self._session.name, text))
 
     def _on_status(self, message: Any, now: float) -> None:
-        self._complaints.hear_status(message)
-        self.sticks.hear(message)
+        self._complaints.on_status(message)
+        self.sticks.on_message(message)
         self._on_battery(message, now)
 
     def _on_battery(self, message: Any, now: float) -> None:
-        self.battery.hear(message, now)
+        self.battery.on_message(message, now)
         self._watch_pilot(now)
 
     def _on_sticks(self, message: Any, now: float) -> None:
-        self.sticks.hear(message, flown=self.phase is not Phase.ARMING)
+        self.sticks.on_message(message, flown=self.phase is not Phase.ARMING)
         self._watch_pilot(now)
 
     def _watch_pilot(self, now: float) -> None:
@@ -282,7 +282,7 @@ class Commander(FlightState):
                 self._emit(ThrottleAwaited(now, self._session.name, self.sticks.channel, self.sticks.by_us))
 
 
-_HEARD: Final = {
+_HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: Commander._on_heartbeat,
     MAVLINK_MSG_ID_CURRENT_MODE: Commander._on_current_mode,
     dialect.MAVLINK_MSG_ID_TIMESYNC: Commander._on_timesync,

@@ -44,7 +44,7 @@ class Complaints:
         self._open: dict[int, list[str]] = {}  # chunks by the text's id
         self._unwell: list[str] = []
 
-    def hear_ack(self, message: Any) -> bool:
+    def on_ack(self, message: Any) -> bool:
         """Use an acknowledgement for us. Returns whether an order was accepted."""
         if message.command not in _ORDERS:
             return False
@@ -54,7 +54,7 @@ class Complaints:
         self.refused_result = RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
         return False
 
-    def hear_text(self, message: Any) -> str:
+    def on_text(self, message: Any) -> str:
         """Use a STATUSTEXT. Returns the text that it completes if it is a new warning, otherwise ""."""
         if message.severity > dialect.MAV_SEVERITY_WARNING:
             return ""
@@ -75,7 +75,7 @@ class Complaints:
         self.recent = [*self.recent[1 - _MOST_RECENT :], text]
         return text
 
-    def hear_status(self, message: Any) -> None:
+    def on_status(self, message: Any) -> None:
         self._unwell = unwell(message)
 
     def begin(self, *, keep_texts: bool) -> None:
@@ -113,7 +113,7 @@ class Battery:
     def __init__(self) -> None:
         self._said: dict[int, tuple[float, Why | None]] = {}  # by battery id; -1: all together
 
-    def hear(self, message: Any, now: float) -> None:
+    def on_message(self, message: Any, now: float) -> None:
         """Use a SYS_STATUS or a BATTERY_STATUS."""
         if type(message).id == dialect.MAVLINK_MSG_ID_BATTERY_STATUS:  # `message.id` is a field of it
             state = message.charge_state

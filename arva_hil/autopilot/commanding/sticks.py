@@ -55,7 +55,7 @@ class _Pulses:
         """Take the present pulses as the rest."""
         self._rest, self._times = list(self.now) or [0] * len(_CHANNELS), 0
 
-    def hear(self, pulses: Sequence[int], throttle: int, *, flown: bool) -> tuple[int, int]:
+    def on_pulses(self, pulses: Sequence[int], throttle: int, *, flown: bool) -> tuple[int, int]:
         """Use a message. Returns the channel that was moved, from 1, and how far [µs]; 0 and 0 if none was.
 
         `throttle`: its channel. `flown`: the vehicle flies, so switches count too. A stick that appears in flight rests
@@ -122,19 +122,19 @@ class Sticks:
         self._radio.mark()
         self._manual.mark()
 
-    def hear(self, message: Any, *, flown: bool = True) -> None:
+    def on_message(self, message: Any, *, flown: bool = True) -> None:
         """Use one of the messages in `STICKS_WANTED`. `flown`: the vehicle flies."""
         kind = type(message).id
         if kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
             self.remote = bool(message.onboard_control_sensors_present & message.onboard_control_sensors_health & _RC)
         elif kind == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
             pulses = [getattr(message, f"chan{n}_raw") if self._usable else 0 for n in _CHANNELS]
-            channel, by_us = self._radio.hear(pulses, self.throttle, flown=flown)
+            channel, by_us = self._radio.on_pulses(pulses, self.throttle, flown=flown)
             self._on_moved(channel, by_us, because(Why.CHANNEL_MOVED, channel=channel, by_us=by_us))
         else:
             axes = message.y, message.x, 2 * message.z - _FULL, message.r
             pulses = [_CENTRE_US + axis // 2 if abs(axis) <= _FULL else 0 for axis in axes]
-            channel, by_us = self._manual.hear(pulses, _AXES.index("throttle") + 1, flown=flown)
+            channel, by_us = self._manual.on_pulses(pulses, _AXES.index("throttle") + 1, flown=flown)
             self._on_moved(channel, by_us, because(Why.AXIS_MOVED, axis=_AXES[channel - 1], by_us=by_us))
 
     def _on_moved(self, channel: int, by_us: int, moved: Reason) -> None:

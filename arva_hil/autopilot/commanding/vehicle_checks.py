@@ -64,7 +64,7 @@ class Failsafes:
         lacking = [name for name in self._names if name not in self.values] if self._tries <= _TRIES else []
         return [dialect.MAVLink_param_request_read_message(*to, name.encode(), -1) for name in lacking]
 
-    def hear(self, message: Any) -> None:
+    def on_parameter(self, message: Any) -> None:
         """The vehicle sent a PARAM_VALUE."""
         layout = _INTEGERS.get(message.param_type) if self.px4 else None
         raw = struct.pack("<f", message.param_value)
@@ -153,7 +153,7 @@ class SimulatorCheck:
         """Forget the answer: it may be another vehicle now."""
         self.answer = ""
 
-    def hear(self, received: Received) -> None:
+    def on_packets(self, received: Received) -> None:
         """Use what the session received."""
         if self.answer:
             return

@@ -61,10 +61,10 @@ class VehicleDiscovery:
             armed = bool(heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
             return Vehicle(packet.system, packet.component, heartbeat.autopilot, heartbeat.type, armed, packet.version)
         self.refused_vehicle |= is_autopilot(heartbeat)
-        self.note(packet, f"heartbeats of {short_name('MAV_TYPE', heartbeat.type)}")
+        self.count(packet, f"heartbeats of {short_name('MAV_TYPE', heartbeat.type)}")
         return None
 
-    def note(self, packet: Packet, kind: str) -> bool:
+    def count(self, packet: Packet, kind: str) -> bool:
         """Count a source. Returns whether it is new."""
         key = (packet.system, packet.component, kind)
         if key not in self._heard and len(self._heard) >= _MOST_SOURCES:
@@ -108,7 +108,7 @@ class Senders:
         self._looked_at = -math.inf
         self._pinned = False
 
-    def look(self, now: float) -> None:
+    def on_read(self, now: float) -> None:
         """The link is read at `now`. After a pause in reading, the vehicle has its whole time to be heard again."""
         if now - self._looked_at > _ASLEEP_S:
             self._heard_at = max(self._heard_at, now)
@@ -120,7 +120,7 @@ class Senders:
             self._met[sender] = candidate and self._met.get(sender, True)
             self.candidates = [sender for sender, candidate in self._met.items() if candidate]
 
-    def hear(self, sender: Hashable, now: float) -> None:
+    def on_packet(self, sender: Hashable, now: float) -> None:
         """A sender sent a packet of the vehicle."""
         self.vehicle, self._heard_at = sender, now
         if self._met:

@@ -140,7 +140,7 @@ class FollowedVehicle:
         """The number of packets refused for their signature, by reason; None without a key."""
         return dict(self._signing.refused) if self._signing else None
 
-    def heard(self) -> NoVehicle:
+    def why_no_vehicle(self) -> NoVehicle:
         """Return the traffic received, in words, if no vehicle was found."""
         if self._interrupted:
             return NoVehicle("link lost", self._interrupted)

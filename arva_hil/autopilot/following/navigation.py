@@ -72,7 +72,7 @@ _HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _ATTITUDE: Final = dialect.MAVLINK_MSG_ID_ATTITUDE
 _QUATERNION: Final = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
-HANDLED: Final = frozenset({_POSITION, _ATTITUDE, _QUATERNION, _HOME})  # by `Navigation.hear`
+HANDLED: Final = frozenset({_POSITION, _ATTITUDE, _QUATERNION, _HOME})  # by `Navigation.on_message`
 
 
 class Navigation:
@@ -105,7 +105,7 @@ class Navigation:
             _QUATERNION: self._on_quaternion,
         }
 
-    def hear(self, message: Any, now: float) -> Judgement:
+    def on_message(self, message: Any, now: float) -> Judgement:
         """Use a `HANDLED` message. Returns "anew" if the vehicle has rebooted: its boot time has gone back."""
         if message.id == _HOME:
             self._on_home(message)

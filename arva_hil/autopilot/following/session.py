@@ -56,7 +56,7 @@ class Session(FollowedVehicle):
     def accepts(self, sender: Hashable, now: float) -> bool:
         """Return True if packets of a sender may be the vehicle's. The link is being read at `now`."""
         if sender is not None:
-            self.senders.look(now)
+            self.senders.on_read(now)
         return self.vehicle is None or sender == self.senders.vehicle or self.senders.accepts(sender, now)
 
     def follows(self, sender: Hashable) -> bool:
@@ -77,7 +77,7 @@ class Session(FollowedVehicle):
                 refused.append(packet)
                 self._on_refused(packet, now)
             elif vehicle is None or msgid == _HEARTBEAT:
-                (own if self._look_around(packet, now, sender) else others).append(packet)
+                (own if self._discover(packet, now, sender) else others).append(packet)
             elif (packet.system, packet.component, sender) == (vehicle.system, vehicle.component, self.senders.vehicle):
                 own.append(packet)
                 if msgid in _DECODED and (message := decode(packet)) is not None:
@@ -86,11 +86,11 @@ class Session(FollowedVehicle):
                 self.ignored += 1
                 others.append(packet)
         if sender is not None and own:
-            self.senders.hear(sender, now)
+            self.senders.on_packet(sender, now)
         if self._extras and (streams := self._streams):
             for packet in own:
                 if packet.msgid in streams.extra_ids:
-                    streams.note(packet.msgid, now)
+                    streams.on_message(packet.msgid, now)
         return Received(own, others, refused, self._emitted() if self._events else ())
 
     def want(self, streams: Mapping[int, float]) -> None:
@@ -115,7 +115,7 @@ class Session(FollowedVehicle):
             self.next_due = math.inf
             return b"", self._emitted() if self._events else ()
         self.next_due = now + _POLL_S
-        self.senders.look(now)
+        self.senders.on_read(now)
         if self._interrupted:
             return b"", self._emitted()
         out = b""
@@ -166,29 +166,29 @@ class Session(FollowedVehicle):
             about = packet.system, packet.component, packet.refused
             self._emit(vehicles.SignatureRefused(now, self.name, *about))
 
-    def _look_around(self, packet: Packet, now: float, sender: Hashable) -> bool:
+    def _discover(self, packet: Packet, now: float, sender: Hashable) -> bool:
         """Use a heartbeat, or any packet before the vehicle is known. Returns True if it is the vehicle's."""
         if packet.msgid != _HEARTBEAT:
-            self._finder.note(packet, "packets")
+            self._finder.count(packet, "packets")
             self.senders.meet(sender, candidate=True)
             return False
         if (message := decode(packet)) is None:
             return False
         known = self.vehicle
         if known and known.sent(packet) and known.is_like(message):
-            self.senders.hear(sender, now)
+            self.senders.on_packet(sender, now)
             self._on_heartbeat(message, now)
             return True
         found = self._finder.vehicle(packet, message)
         if found and known and known.sent(packet) and self._identity:
             self._identity.why = because(Why.OTHER_IDS, vehicle=str(known), other=str(found))
         elif found and (known is None or (self.lost and known.sent(packet))):
-            self.senders.hear(sender, now)
+            self.senders.on_packet(sender, now)
             self._follow(found, now, signed=packet.signed)
             return True
         elif known:
             self.ignored += 1
-            self._tell_other(packet, found, now)
+            self._report_other(packet, found, now)
         else:
             self.senders.meet(sender, candidate=False)
         return False
@@ -200,13 +200,13 @@ class Session(FollowedVehicle):
                 continue
             message = decode(packet)
             if message is not None and (found := self._finder.vehicle(packet, message)):
-                self._tell_other(packet, found, now)
+                self._report_other(packet, found, now)
 
-    def _tell_other(self, packet: Packet, found: Vehicle | None, now: float) -> None:
+    def _report_other(self, packet: Packet, found: Vehicle | None, now: float) -> None:
         """Report each autopilot that is not the vehicle once."""
         assert self.vehicle is not None
         same = self.vehicle.sent(packet)
-        if (found or same) and self._finder.note(packet, "other"):
+        if (found or same) and self._finder.count(packet, "other"):
             self._emit(vehicles.OtherAutopilotIgnored(now, self.name, packet.system, packet.component, same))
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
@@ -237,12 +237,12 @@ class Session(FollowedVehicle):
         assert self._streams is not None
         if self._identity and not self._identity.owns(message, now):
             return
-        judgement = self.navigation.hear(message, now)
+        judgement = self.navigation.on_message(message, now)
         if judgement == "anew":
             self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._emit)
             self._emit(vehicles.VehicleRebooted(now, self.name, str(self.vehicle)))
         if judgement != "stray" and message.id != _HOME:
-            self._streams.note(message.id, now)
+            self._streams.on_message(message.id, now)
 
     def _on_ack(self, message: Any, now: float) -> None:
         if self._streams and self.answers_us(message):

@@ -109,7 +109,7 @@ class Streams:
         self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
         self.extra_ids = frozenset(stream.ids[0] for stream in self.extras)
 
-    def note(self, msgid: int, now: float) -> None:
+    def on_message(self, msgid: int, now: float) -> None:
         """A message of a stream came from the vehicle."""
         self._seen[msgid].append(now)
 

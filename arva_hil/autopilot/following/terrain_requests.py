@@ -37,7 +37,7 @@ class TerrainRequests:
         self.heights = {}
         self._open = list(dict.fromkeys(places))
 
-    def hear(self, received: Received) -> bool:
+    def on_packets(self, received: Received) -> bool:
         """Use what the session received. Returns whether the last missing answer is among them."""
         if not self._open:
             return False

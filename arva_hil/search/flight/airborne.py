@@ -135,7 +135,7 @@ class Flight(MissionRun):
     def wait(self, now: float) -> bool:
         """The vehicle is still on the ground. Returns whether it has to stay there, because another one is above it."""
         self._last_pose_s = now
-        self.look_on(now, searching=True)
+        self.report_place(now, searching=True)
         return self._team is not None and self._team.under_another
 
     def fly(self, now: float) -> None:
@@ -151,7 +151,7 @@ class Flight(MissionRun):
         self._last_pose_s = now
         position = as_position(state.position)
         if self._report is not None and self.origin is not None:
-            self._report.flown(now, lla(self.origin, *position), self.origin, self.mission)
+            self._report.report_flown(now, lla(self.origin, *position), self.origin, self.mission)
         if phase is Phase.FLYING:
             if self.mission is None:
                 plan = self._team.plan(self._plan, self.origin) if self._team and self.origin else self._plan
@@ -192,10 +192,10 @@ class Flight(MissionRun):
         if self.mission is not None:
             self.mission.confirm(now - self._skipped_s)
 
-    def look_on(self, now: float, *, searching: bool) -> None:
+    def report_place(self, now: float, *, searching: bool) -> None:
         """The vehicle is not flown by this search, yet or any more: tell the others where it is."""
         if self._report is not None:
-            self._report.left(now, self.origin, self.mission, searching=searching)
+            self._report.report_left(now, self.origin, self.mission, searching=searching)
 
     def _fly_blind(self, now: float) -> None:
         """Without a new pose the vehicle hovers, then lands."""

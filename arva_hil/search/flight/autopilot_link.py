@@ -20,8 +20,8 @@ _AGAIN_S: Final = 0.02
 class AutopilotLink:
     """Remembers when the link was last empty. Times are seconds on the caller's clock.
 
-    `hear(sender, chunk, now, since)` gets the bytes; `since`: when the link was empty before. `anew(now, gap_s)` is
-    called after a gap, before anything is read.
+    `on_bytes(sender, chunk, now, since)` gets the bytes; `since`: when the link was empty before. `on_gap(now, gap_s)`
+    is called after a gap, before anything is read.
     """
 
     def __init__(
@@ -29,12 +29,12 @@ class AutopilotLink:
         link: Link,
         start: float,
         *,
-        hear: Callable[[Sender, bytes, float, float], None],
-        anew: Callable[[float, float], None],
+        on_bytes: Callable[[Sender, bytes, float, float], None],
+        on_gap: Callable[[float, float], None],
     ) -> None:
         self.link = link
-        self._hear = hear
-        self._anew = anew
+        self._on_bytes = on_bytes
+        self._on_gap = on_gap
         self._empty_s = start
         self._gap = False  # whether there was a gap
         self._losses: int | None = None  # of the link, when it was pinned
@@ -50,13 +50,13 @@ class AutopilotLink:
         since, read = self._empty_s, 0
         if now - since > _GAP_S and not self._gap:
             self._gap = True
-            self._anew(now, now - since)
+            self._on_gap(now, now - since)
         while True:
             came = self.link.receive()
             if self._losses is not None and self.link.losses > self._losses:
                 raise LinkError(self.link.name, self.link.why.removeprefix(f"{self.link.name}: "))
             for sender, chunk in came:
-                self._hear(sender, chunk, now, since)
+                self._on_bytes(sender, chunk, now, since)
                 read += len(chunk)
             now = clock.now()
             if not self.link.ready():

@@ -77,7 +77,7 @@ class SearchClient:
         self._tunnel = tunnel
         self._claim = ClaimAnnouncer(COMPONENT)
         self._first: Claim | None = None  # of another search that has the vehicle
-        self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
+        self._line = AutopilotLink(autopilot, start, on_bytes=self._on_bytes, on_gap=self._on_gap)
         emit_later = self._events.append
         self._receiver = ReceiverLink(receiver, decoder, emit_later, host)
         self._commander = Commander(session, emit_later, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
@@ -141,7 +141,7 @@ class SearchClient:
         finally:
             self._pass_on()
 
-    def _hear(self, sender: Sender, chunk: bytes, now: float, since: float) -> None:
+    def _on_bytes(self, sender: Sender, chunk: bytes, now: float, since: float) -> None:
         if not self.launched:
             self._preflight.watch_link(now)
         received = self._session.feed(chunk, now, sender)
@@ -151,13 +151,13 @@ class SearchClient:
                 self._events.append(OwnMarkHeard(now))
         if self._tunnel and self._team:
             for packet in received.accepted:
-                if news := self._tunnel.hear(packet, now):
-                    self._team.hear(news)
+                if news := self._tunnel.on_packet(packet, now):
+                    self._team.on_news(news)
         if self._session.vehicle:
             self._first = self._first or self._claim.find_first(received.others, self._session.vehicle.system)
-        self._preflight.hear(received)
-        self._commander.hear(received, now, since)
-        self._ground.hear(received, now)
+        self._preflight.on_packets(received)
+        self._commander.on_packets(received, now, since)
+        self._ground.on_packets(received, now)
         senders = self._session.senders
         self._line.link.follow(senders.vehicle, senders.candidates)
 
@@ -165,7 +165,7 @@ class SearchClient:
         vehicle = self._session.vehicle
         return vehicle is not None and packet.system == vehicle.system
 
-    def _begin_anew(self, now: float, gap_s: float) -> None:
+    def _on_gap(self, now: float, gap_s: float) -> None:
         """After a gap without reading, all that is known is old."""
         self._session.skip(now)
         self._commander.authority.doubt(now)
@@ -194,7 +194,7 @@ class SearchClient:
     def _step(self, now: float) -> None:
         phase = self._commander.phase
         if self.outcome is not None:
-            self._flight.look_on(now, searching=False)
+            self._flight.report_place(now, searching=False)
             return
         if self._first:
             self._finish("failed", because(Why.OTHER_SEARCH, name=self._first.name, flies=self.launched))
@@ -220,11 +220,11 @@ class SearchClient:
 
     def _wait(self, now: float) -> None:
         if self._dry_run is None:
-            self._flight.look_on(now, searching=True)
+            self._flight.report_place(now, searching=True)
         if self._stopping:
             self._finish("failed", because(Why.INTERRUPTED))
             return
-        verdict = self._preflight.look(now)
+        verdict = self._preflight.check(now)
         if verdict is True and self._dry_run:
             verdict = self._dry_run.step(now, self._commander.authority.mode) or False
         if verdict is True and (self._dry_run or self._claim.is_settled(now)):
@@ -282,5 +282,5 @@ class SearchClient:
         self._commander.let_go()
         if self.outcome is not None:
             return
-        self._flight.look_on(self._now_s, searching=False)
+        self._flight.report_place(self._now_s, searching=False)
         self.outcome = outcome_of(mission, self.origin, kind, how) if mission else Outcome(kind, how)

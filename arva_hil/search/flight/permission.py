@@ -43,7 +43,7 @@ class Permission:
         self._question = question
         self._dry_run = dry_run
         self._vehicle: tuple[int, ...] = ()
-        self._looked: float | None = None  # when this vehicle was first checked
+        self._checked_s: float | None = None  # when this vehicle was first checked
         self._asked: float | None = None
         self._said = False  # whether a person said yes to this vehicle
 
@@ -55,7 +55,7 @@ class Permission:
     def on_packets(self, received: Received) -> None:
         """Use what the session received."""
         self._compare()
-        self._check.hear(received)
+        self._check.on_packets(received)
 
     def poll(self, now: float) -> bytes:
         """The messages to send to the vehicle."""
@@ -64,22 +64,22 @@ class Permission:
     def forget(self) -> None:
         """Forget everything: it may be another vehicle now."""
         self._check.forget()
-        self._looked = self._asked = None
+        self._checked_s = self._asked = None
         self._said = False
 
-    def look(self, now: float, emit: Callable[[Event], None]) -> Refusal | bool:
+    def check(self, now: float, emit: Callable[[Event], None]) -> Refusal | bool:
         """Return True if the vehicle may be flown, False while that is unknown, or a refusal. Call it last.
 
         `emit` gets the event of the permission.
         """
-        if self._looked is None:
-            self._looked = now
+        if self._checked_s is None:
+            self._checked_s = now
         if self._said:
             return True
         if self._check.answer:
             self._said = True
             emit(SimulatorRecognized(now, str(self._session.vehicle), self._check.answer))
-        elif now - self._looked > _ANSWER_S:
+        elif now - self._checked_s > _ANSWER_S:
             return self._ask(now, emit)
         return self._said
 

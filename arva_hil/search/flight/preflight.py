@@ -109,9 +109,9 @@ class Preflight:
         self._hover = Hover(session) if plan.take_over else None
         self._countdown_s = 0.0 if plan.dry_run else plan.countdown_s
         self._arm_at = math.inf
-        self._next_said = 0
-        self._looked = start
-        self._failsafes_told = False
+        self._next_report = 0
+        self._checked_s = start
+        self._failsafes_reported = False
         self._alone = False  # whether nobody else read the receiver at the first check
         self._waits_for: _Lacking | None = None
         self._mode: int | None = None  # of the vehicle, since the last gap
@@ -119,14 +119,14 @@ class Preflight:
         self._armed_since = math.inf
         self._greeted = False  # whether a heartbeat came since the autopilot's link was opened
 
-    def hear(self, received: Received) -> None:
+    def on_packets(self, received: Received) -> None:
         """Use what the session received."""
         for msgid, message in received.messages((_HEARTBEAT, _PARAMETER)):
             if msgid == _HEARTBEAT:
                 self._greeted = True
                 self._watch_mode(message)
             else:
-                self.failsafes.hear(message)
+                self.failsafes.on_parameter(message)
         if self._permission:
             self._permission.on_packets(received)
 
@@ -153,23 +153,25 @@ class Preflight:
 
     def watch_link(self, now: float) -> None:
         """After a loss the link is new, and the vehicle may have rebooted."""
-        for event in self._monitor.look(now):
+        for event in self._monitor.poll(now):
             self._emit(event)
 
     def _lost(self, why: str, now: float) -> None:
         self._session.interrupt(why)
         self.restart()
 
-    def look(self, now: float) -> Refusal | bool:
+    def check(self, now: float) -> Refusal | bool:
         """Return True if all is ready for the flight, False while it is not, a refusal if there will be none."""
         if self._permission and self._permission.asking:
-            self._since += now - self._looked
-        self._looked = now
+            self._since += now - self._checked_s
+        self._checked_s = now
         session = self._session
         if self._autopilot.away:
             return self._lack("link", now, "no link", lambda: because(Why.ERROR, text=self._autopilot.why))
         if session.vehicle is None or not self._greeted:
-            return self._lack("autopilot", now, "no link", lambda: because(Why.NO_AUTOPILOT, heard=session.heard()))
+            return self._lack(
+                "autopilot", now, "no link", lambda: because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle())
+            )
         if self._taken and not self._hover:
             return Refusal("failed", because(Why.MODE_SET_BY_PROGRAM))
         if session.vehicle.armed and not self._hover:
@@ -204,8 +206,8 @@ class Preflight:
 
         The time in which a person is asked does not count.
         """
-        if not self._failsafes_told:
-            self._failsafes_told = True
+        if not self._failsafes_reported:
+            self._failsafes_reported = True
             parameters = tuple(self.failsafes.values.items())
             autopilot: Literal["ardupilot", "px4"] = "px4" if self.failsafes.px4 else "ardupilot"
             self._emit(FailsafesKnown(now, autopilot, parameters, self._sticks.remote))
@@ -213,7 +215,7 @@ class Preflight:
                 self._emit(ParameterDoubted(now, *doubt))
             if self._hover is None and (beyond := self._compare_fence(now)):
                 return Refusal("failed", beyond)
-        return self._permission.look(now, self._emit) if self._permission else True
+        return self._permission.check(now, self._emit) if self._permission else True
 
     def _compare_fence(self, now: float) -> Reason | None:
         """Report a fence inside the area. Return the reason against any flight, or None."""
@@ -235,11 +237,11 @@ class Preflight:
         """The last seconds before propellers turn."""
         if self._arm_at == math.inf:
             self._arm_at = now + self._countdown_s
-            self._next_said = math.ceil(self._countdown_s)
+            self._next_report = math.ceil(self._countdown_s)
         left = self._arm_at - now
-        if left > 0 and left <= self._next_said:
-            self._emit(CountDown(now, self._next_said, self._hover is not None))
-            self._next_said = math.ceil(left) - 1
+        if left > 0 and left <= self._next_report:
+            self._emit(CountDown(now, self._next_report, self._hover is not None))
+            self._next_report = math.ceil(left) - 1
         return left <= 0
 
     def _lack(self, what: _Lacking, now: float, kind: Kind, why: Callable[[], Reason]) -> Refusal | bool:

@@ -84,10 +84,10 @@ class ReceiverLink:
             self.links = []
             self._emit(ReceiverGone(now, str(error)))
             return b""
-        for event in self._monitor.look(now):
+        for event in self._monitor.poll(now):
             self._emit(event)
         if self.host:
-            self.host.hear(chunk, now)
+            self.host.feed(chunk, now)
         return chunk
 
     def _write(self, data: bytes) -> bool:

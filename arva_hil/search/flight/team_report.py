@@ -31,9 +31,11 @@ class TeamReport:
         self._lost: set[int] = set()
         self._flying = False  # as it was told last
 
-    def flown(self, now: float, place: tuple[float, float, float], origin: LocalFrame, mission: Mission | None) -> None:
+    def report_flown(
+        self, now: float, place: tuple[float, float, float], origin: LocalFrame, mission: Mission | None
+    ) -> None:
         """The vehicle flies by orders of the search, and is at `place` (degrees, degrees, metres AMSL)."""
-        self._tell(now, place, origin, mission, flying=True, searching=True)
+        self._report(now, place, origin, mission, flying=True, searching=True)
         lost = self._team.lost
         for number in lost.keys() - self._lost:
             self._emit(TeammateLost(now, number + 1, *lost[number]))
@@ -41,7 +43,7 @@ class TeamReport:
             self._emit(TeammateBack(now, number + 1))
         self._lost = set(lost)
 
-    def left(self, now: float, origin: LocalFrame | None, mission: Mission | None, *, searching: bool) -> None:
+    def report_left(self, now: float, origin: LocalFrame | None, mission: Mission | None, *, searching: bool) -> None:
         """Return True if the vehicle stands on the ground before its launch, or is not the search's any more.
 
         After the search (not `searching`) a pilot may fly it. Once it has landed, it is not reported again.
@@ -53,9 +55,9 @@ class TeamReport:
         state = self._session.state_at(now, origin)
         lost = state is None or state.age_s >= _OLD_S
         place = (last.lat, last.lon, last.alt) if state is None else lla(origin, *as_position(state.position))
-        self._tell(now, place, origin, mission, flying=vehicle.armed, searching=searching, lost=lost)
+        self._report(now, place, origin, mission, flying=vehicle.armed, searching=searching, lost=lost)
 
-    def _tell(
+    def _report(
         self,
         now: float,
         place: tuple[float, float, float],
@@ -68,7 +70,7 @@ class TeamReport:
     ) -> None:
         self._flying = flying
         if mission is None:
-            self._team.tell(now, place, flying=flying, searching=searching, lost=lost)
+            self._team.report(now, place, flying=flying, searching=searching, lost=lost)
             return
         target = mission.choice.target
         searching = searching and not mission.ended
@@ -81,7 +83,7 @@ class TeamReport:
             if id_ != NO_ID and (before is None or before.metres != heard.nearest_m):
                 at = lla(origin, *heard.nearest_at, 0.0)
                 self._handed[id_] = HeardAt(id_, heard.nearest_m, *at[:2])
-        self._team.tell(
+        self._team.report(
             now,
             place,
             flying=flying,

@@ -99,7 +99,7 @@ class Choice:
         self._emit = emit
         self._most_s = most_s
 
-    def note(self, id_: int, observation: Observation) -> None:
+    def add(self, id_: int, observation: Observation) -> None:
         """A reading of a transmitter."""
         if id_ not in self.heard:
             if len(self.heard) >= _MOST_HEARD:

@@ -113,9 +113,9 @@ class Ground:
         self._disagree: dict[tuple[str, str], float] = {}  # since when
         self._emit = emit
 
-    def hear(self, received: Received, now: float) -> None:
+    def on_packets(self, received: Received, now: float) -> None:
         """Use what the session received at `now`."""
-        self._sensors.hear(received, now)
+        self._sensors.on_packets(received, now)
 
     def height(self, now: float, state: VehicleState, ordered: float = 0.0) -> Height:
         """The height for the flight. `state`: NED from the take-off point. `ordered`: velocity down [m/s]."""
@@ -127,13 +127,13 @@ class Ground:
         measured, margin = self._measured(motion, state, altitudes), 0.0
         if measured is not None:
             lowest, self._below = measured, above - measured
-            self._tell("rangefinder", now)
+            self._report("rangefinder", now)
         else:
             only_gps = sensors.only_gps(now)
             margin = sigma if only_gps and not self._plan.trust_gps else 0.0
             lowest = self._unmeasured(now, state, altitudes, 0.0 if only_gps else sigma)
             if only_gps:
-                self._tell("GPS", now, margin)
+                self._report("GPS", now, margin)
         clearance = sensors.clearance(now)
         if clearance is not None and (measured is None or measured - clearance > _CLEARANCE_OFF_M):
             lowest = min(lowest, clearance)
@@ -218,7 +218,7 @@ class Ground:
         else:
             source = "doubtful terrain" if self._doubted else "estimate"
         if gps_off:
-            self._tell(source, now, _SURVEY_OFF_M if source == "terrain" else 0.0)
+            self._report(source, now, _SURVEY_OFF_M if source == "terrain" else 0.0)
         standing = self._sensors.standing_survey
         feared = survey.above - standing.above if survey and standing else math.inf
         return min(max(lowest, down_slope), feared)
@@ -267,7 +267,7 @@ class Ground:
         pairs = [(one, a, two, b) for (one, two), (a, b) in found.items() if now - self._disagree[one, two] >= _LONG_S]
         return bool(found), because(Why.SENSORS_DISAGREE, pairs=pairs) if pairs else None
 
-    def _tell(self, source: _Source, now: float, margin: float = 0.0) -> None:
+    def _report(self, source: _Source, now: float, margin: float = 0.0) -> None:
         if source != self._source:
             self._source = source
             self._emit(HeightSource(now, source, margin))

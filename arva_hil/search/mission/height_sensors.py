@@ -84,10 +84,10 @@ class HeightSensors:
         self._standing_gps: float | None = None
         session.want(EXTRAS)
 
-    def hear(self, received: Received, now: float) -> None:
+    def on_packets(self, received: Received, now: float) -> None:
         """Use what the session received at `now`."""
-        for msgid, message in received.messages(_HEARD):
-            _HEARD[msgid](self, message, now)
+        for msgid, message in received.messages(_HANDLERS):
+            _HANDLERS[msgid](self, message, now)
 
     def distance(self, now: float) -> Distance | None:
         """The rangefinder's distance. None without a valid one."""
@@ -186,7 +186,7 @@ def _steadied(before: float | None, sample: float) -> float:
     return sample if before is None else before + _STEADY * (sample - before)
 
 
-_HEARD: Final = {
+_HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: HeightSensors._on_distance,
     dialect.MAVLINK_MSG_ID_RANGEFINDER: HeightSensors._on_rangefinder,
     dialect.MAVLINK_MSG_ID_ALTITUDE: HeightSensors._on_altitude,

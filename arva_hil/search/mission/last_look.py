@@ -31,7 +31,7 @@ class LastLook:
         self._emit = emit
         self._doubted: list[tuple[float, float]] = []
 
-    def look(self, found: Found, time_s: float, *, last: bool) -> str:
+    def check(self, found: Found, time_s: float, *, last: bool) -> str:
         """Check that the newest readings agree with the place found; to search for it again, forget them.
 
         `last`: there is no time for more.

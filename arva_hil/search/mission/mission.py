@@ -101,7 +101,7 @@ class Mission:
         for id_, o in every.items():
             if not self._pauses.repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
                 heard.append(id_)
-                self.choice.note(id_, o)
+                self.choice.add(id_, o)
         if self.victims.several:
             self.victims.on_frame(frame, time_s)
         if not self.ended and self.found is None:
@@ -144,7 +144,7 @@ class Mission:
 
     def confirm(self, time_s: float) -> None:
         """The last look, from near the ground: the transmitter may have moved since its place was told."""
-        if self.found_surely and self.found and self._last_look.look(self.found, time_s, last=True) != AGREES:
+        if self.found_surely and self.found and self._last_look.check(self.found, time_s, last=True) != AGREES:
             self.sure, self.ended = False, because(Why.NOT_SURE)
 
     @property
@@ -241,27 +241,27 @@ class Mission:
         barred = self._team is not None and self._team.bars(place, position)
         if not (late or barred) and math.dist(position[:2], place) >= _THERE_M:
             return towards(position, place, self.plan.speed)
-        if self.sure and not self.victims.noting:
-            verdict = self._last_look.look(found, time_s, last=late)
+        if self.sure and not self.victims.unreported:
+            verdict = self._last_look.check(found, time_s, last=late)
             if verdict in (LOOK_AGAIN, LISTEN):
                 return self._go_on(position) if verdict == LOOK_AGAIN else STILL
             self.sure = verdict == AGREES
         if not self.victims.several:
             return self._end_at_goal()
-        return self._note_victim(found, time_s, position, late=late)
+        return self._add_victim(found, time_s, position, late=late)
 
-    def _note_victim(self, found: Found, time_s: float, position: Position, *, late: bool) -> Velocity:
+    def _add_victim(self, found: Found, time_s: float, position: Position, *, late: bool) -> Velocity:
         """Note the place, wait for the receiver to mark it, and go on to the next."""
         victims, target = self.victims, self.choice.target
         assert target is not None
-        if not victims.noting:
+        if not victims.unreported:
             self._twice = False
             victims.add(Victim(target, found, self.sure, self.searched_s), self._dipole, time_s)
         if victims.settling and not late:
             return STILL
         if target == NO_ID:
             self.choice.forget(target)
-        victims.note(self.choice.heard, time_s)
+        victims.report(self.choice.heard, time_s)
         self.sure = all(victim.sure for victim in victims.places)
         if victims.enough:
             return self._end_at_goal()

@@ -77,7 +77,7 @@ class RangeCheck:
         since = self._same[1]
         climbed, flown = motion.climbed - since.climbed, motion.flown - since.flown
         if abs(climbed) >= _STUCK_M + _FOLLOWED * flown:
-            self._note(motion, metres, metres + climbed, lasts=False)
+            self._contradict(motion, metres, metres + climbed, lasts=False)
             return None
         self._step(motion, metres)
         unseen = _SAME_SLOPE * max(0.0, flown - _SAME_M)
@@ -100,11 +100,11 @@ class RangeCheck:
             step = worst[1] - ground
             self._offset += step
             lasts = motion.speed < _AT_REST_M_S and abs(self._offset) > 2 * self._tolerance
-            self._note(motion, metres, metres - step, lasts=lasts)
+            self._contradict(motion, metres, metres - step, lasts=lasts)
             past.clear()
         past.append((motion, ground))
 
-    def _note(self, motion: Odometry, metres: float, expected: float, *, lasts: bool) -> None:
+    def _contradict(self, motion: Odometry, metres: float, expected: float, *, lasts: bool) -> None:
         self._noted = math.inf if lasts else motion.time_s + _NOTED_S, metres, expected
 
     def _undrifted(self, motion: Odometry, height: float, confirmed: float) -> float:

@@ -44,7 +44,7 @@ class ReceiverHost:
         self._number = (self._number + 1) % 256
         self._waiting.append(Command(self._number, name, values))
 
-    def hear(self, chunk: bytes, now: float) -> None:
+    def feed(self, chunk: bytes, now: float) -> None:
         """Bytes of the port. Nothing is kept while nothing is asked."""
         if self._waiting:
             self._answers += self._decoder.feed(chunk, now)

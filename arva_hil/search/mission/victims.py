@@ -74,7 +74,7 @@ class Victims:
         self.wanted = wanted
         self.several = wanted != 1
         self.places: list[Victim] = []
-        self.noting = False  # a place is added, and not told yet
+        self.unreported = False  # a place is added, and not told yet
         self._host = host
         self._emit = emit
         self._known: dict[int, int] = {}  # which place is a transmitter's
@@ -184,16 +184,16 @@ class Victims:
 
     def add(self, victim: Victim, dipole: NDArray[np.float64] | None, time_s: float) -> None:
         """A place is found, and the vehicle hovers above it. `dipole`: there, of a transmitter without an id."""
-        self.noting = True
+        self.unreported = True
         self.places.append(victim)
         self._know(victim.id, len(self.places) - 1)
         if dipole is not None:
             self._explained.add(dipole)
         self._mark(len(self.places) - 1, time_s)
 
-    def note(self, heard: Iterable[int], time_s: float) -> None:
+    def report(self, heard: Iterable[int], time_s: float) -> None:
         """The newest place is told, and who is left of those `heard`."""
-        self.noting = False
+        self.unreported = False
         self._visited.clear()
         self._aside.clear()
         victim = self.places[-1]

@@ -96,8 +96,8 @@ class Evidence(History):
         o, drift = dipole.DipoleReadings(there.cause.gains, there.cause.deaf_m), there.best.now - there.best.x[:3]
         for one in newest:
             position, rotation = self.at(one.time_s - one.age_s - there.cause.lag_s)
-            for told in one.told:
-                o.add((np.array(position) - drift).tolist(), rotation, *told, one.time_s, one.ground)
+            for measured in one.measurements:
+                o.add((np.array(position) - drift).tolist(), rotation, *measured, one.time_s, one.ground)
         sigma = float(np.linalg.eigvalsh(there.best.now_covariance)[2]) ** 0.5
         error = math.hypot(max(_KNOWN_M, there.pose_error), _CAUTION * sigma, _SINCE * there.cause.drift_m)
         beyond: list[bool] = dipole.unexplained(there.best.x, o, error, _CONTRADICTS).tolist()

@@ -133,7 +133,7 @@ class Analysis:
         if self._unheard:
             self._unheard.append(o)
             return
-        strategy.hear(o)
+        self._observe(o)
         found, belief = checked_found(strategy.found), getattr(strategy, "belief", None)
         if isinstance(belief, Belief):
             belief = belief._replace(hypotheses=belief.hypotheses[:_MOST_HYPOTHESES])
@@ -157,10 +157,13 @@ class Analysis:
     def _finished(self) -> bool:
         return self._unjudged is not None or self._answer.found is not None
 
+    def _observe(self, o: Observation) -> None:
+        strategy: Any = self._strategy
+        (strategy.hear if hasattr(strategy, "hear") else strategy.observe)(o)  # `hear`: its old name
+
     def _replay(self, most: int) -> None:
         for _ in range(min(most, len(self._unheard))):
-            assert self._strategy is not None
-            self._strategy.hear(self._unheard.popleft())
+            self._observe(self._unheard.popleft())
 
     def _judge(self) -> None:
         if self._unjudged is None:

@@ -27,7 +27,7 @@ class Circle:
     def done(self) -> bool:
         return self._turned >= _ENOUGH and self._readings >= _READINGS
 
-    def hear(self, centre: tuple[float, float]) -> None:
+    def observe(self, centre: tuple[float, float]) -> None:
         """One more reading; the centre by it."""
         self.centre = centre
         self._readings += 1

@@ -42,7 +42,7 @@ class Cross:
         self._together: list[Reading] = []
         self._time_s = -math.inf  # of the last that are one
 
-    def hear(self, time_s: float, position: Position, d: float) -> None:
+    def observe(self, time_s: float, position: Position, d: float) -> None:
         """Use a reading: d in metres, inf without a signal."""
         north, east = position[0] - self.centre[0], position[1] - self.centre[1]
         if not self._on_arm and math.hypot(north, east) > _AT_M:

@@ -93,7 +93,7 @@ class Estimate:
             return self._circle.velocity(position, self._speed)
         return towards(position, self._target, self._speed, gain=_GAIN) if self._target else STILL
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         o = observation
         if self._found or not o.finite:
             return
@@ -109,8 +109,8 @@ class Estimate:
         self._silent = 0 if o.heard else self._silent + 1
         self._age += 1
         at, rotation = self._evidence.at(o.time_s - o.age_s - self._cause.lag_s)
-        for told in o.told:
-            self._readings.add(at, rotation, *told, o.time_s, o.ground)
+        for measured in o.measurements:
+            self._readings.add(at, rotation, *measured, o.time_s, o.ground)
         if not len(self._x):
             self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
             self._seed(o)
@@ -148,7 +148,7 @@ class Estimate:
         if self._found:
             self._circle = None
         elif self._circle:
-            self._circle.hear(self._place)
+            self._circle.observe(self._place)
 
     def _heard_enough(self, listened_s: float) -> bool:
         """Return True if it was received long enough, until the drift has averaged out as far as it will."""

@@ -27,8 +27,8 @@ def dipole_at(found: Found, past: Iterable[Observation]) -> Array:
     readings = dipole.DipoleReadings()
     for o in past:
         if o.heard:
-            for told in o.told:
-                readings.add(o.position, o.rotation, *told, o.time_s, o.ground)
+            for measured in o.measurements:
+                readings.add(o.position, o.rotation, *measured, o.time_s, o.ground)
     moments = dipole.MOMENT * np.array([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.7, -0.7, 0), (0, 0, 1)])
     level = float(readings.level(np.array([[found.north, found.east, 0, 0, 0, 0]]))[0])
     x = np.array([[found.north, found.east, level + down, *moment] for down in _DOWNS for moment in moments])

@@ -49,7 +49,7 @@ class Extremum:
         self._heard_s = 0.0
         self._best = (math.inf, (0.0, 0.0))  # d, m, and where
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         """Use the reading of one more frame."""
         o = observation
         north, east, _ = o.position

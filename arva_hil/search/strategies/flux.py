@@ -41,12 +41,12 @@ class Flux:
         """The centre of the cross, once it stays."""
         return Found(*self._cross.centre) if self._cross and self._cross.settled else None
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         """Use the reading of one more frame."""
         o = observation
         if self._cross:
             self._d = o.d_m if o.heard else self._d
-            self._cross.hear(o.time_s, o.position, o.d_m if o.heard else math.inf)
+            self._cross.observe(o.time_s, o.position, o.d_m if o.heard else math.inf)
         elif o.heard:
             self._course = self._along(o)
             self._measure(o)

@@ -114,7 +114,7 @@ class History:
         if len(self._read) >= dipole.MOST:
             rest = [rest[i] for i in np.linspace(0, len(rest) - 1, dipole.MOST - 1 - _NEWEST).astype(int)]
         places = [(o, self.at(o.time_s - o.age_s - cause.lag_s)) for o in (*rest, *newest)]
-        there.add_all([(*place, *told, o.time_s, o.ground) for o, place in places for told in o.told])
+        there.add_all([(*place, *measured, o.time_s, o.ground) for o, place in places for measured in o.measurements])
         return there
 
     def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:

@@ -52,7 +52,7 @@ class Observation(NamedTuple):
         return self.d_cm / 100
 
     @property
-    def told(self) -> list[tuple[float, float, bool]]:
+    def measurements(self) -> list[tuple[float, float, bool]]:
         """Measurements of the field: d [m], δ [rad], and True if d is of all three antennas. Signals give both d."""
         x, y, z = self.signal or (0.0, 0.0, 0.0)
         level, full = math.hypot(x, y), math.hypot(x, y, z)
@@ -115,7 +115,7 @@ class Strategy(Protocol):
     def found(self) -> Found | None:
         """Place of the transmitter; None while it is not known well enough to stop."""
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         """Use the reading of one more frame, which may be without a signal."""
 
     def velocity(self, time_s: float, position: Position) -> Velocity:

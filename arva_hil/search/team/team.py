@@ -52,7 +52,7 @@ class Teammate:
         self._speed = 1.0
         self._area: Area = (-math.inf, -math.inf, math.inf, math.inf)  # of all, from its take-off point
 
-    def hear(self, news: News) -> None:
+    def on_news(self, news: News) -> None:
         """Another one has told this."""
         if news.number != self.number:
             self._others[news.number] = news
@@ -62,7 +62,7 @@ class Teammate:
         """It was held up until now: silence until then does not count."""
         self._deaf_until_s = now
 
-    def tell(
+    def report(
         self,
         now: float,
         lla: tuple[float, float, float],
@@ -320,4 +320,4 @@ class Bus:
 
     def _pass_on(self, news: News) -> None:
         for mate in self._mates:
-            mate.hear(news)
+            mate.on_news(news)

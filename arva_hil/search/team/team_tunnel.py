@@ -135,7 +135,7 @@ class TeamTunnel:
         payload, self._due = encode(self._due), None
         return [tunnel(TEAM_TYPE, payload)]
 
-    def hear(self, packet: Packet, now: float) -> News | None:
+    def on_packet(self, packet: Packet, now: float) -> News | None:
         """The news in a packet; None for anything else. `time_s` is then on the own clock."""
         if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or packet.component != self._component:
             return None

@@ -20,7 +20,7 @@ class Homing:
         self._turned = 0.0  # rad on the spiral about the best place
         self._time_s = 0.0
 
-    def hear(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         north, east, _ = observation.position
         if observation.heard and (self._best is None or observation.d_cm < self._best[0]):
             self._best, self._turned = (observation.d_cm, north, east), 0.0
