@@ -148,7 +148,7 @@ class Ending:
         log = self._log
         lacks = []
         if log.session.vehicle is None:
-            lacks.append(f"no poses: {no_vehicle(log.session.heard())}")
+            lacks.append(f"no poses: {no_vehicle(log.session.why_no_vehicle())}")
         elif log.frames and log.no_pose == log.frames:
             lacks.append("frames without poses: the autopilot has sent no position and attitude with home")
         if not log.frames:

@@ -41,9 +41,9 @@ def play(kept: Iterator[KeptBytes], log: ReceiverLog, audience: Audience, epoch_
             due = now + _STEP_S
         log.receive(link, data, now, whole=link == AUTOPILOT)
         log.output()
-        audience.tell(log.events())
+        audience.emit(log.events())
     log.advance(now, final=True)
-    audience.tell(log.events())
+    audience.emit(log.events())
 
 
 def _packets(path: Path) -> Iterator[KeptBytes]:

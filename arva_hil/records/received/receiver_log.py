@@ -131,7 +131,7 @@ class ReceiverLog:
             self._missing_from = math.inf
             if self.session.vehicle is None and not self.missing:
                 self.missing = True
-                self._events.append(HeartbeatMissing(now, _ABOUT[0], self.session.heard()))
+                self._events.append(HeartbeatMissing(now, _ABOUT[0], self.session.why_no_vehicle()))
 
     def next_deadline(self) -> float:
         """The latest time for the next call of `advance`."""
