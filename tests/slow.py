@@ -49,6 +49,7 @@ SLOW: Final = {
     "cli/test_campaign_shards.py": TRIALS,
     "cli/test_commands.py": PROCESS,
     "cli/test_ctrl_c_at_start.py": PROCESS,
+    "cli/test_compare.py": REPLAYS,
     "cli/test_demo.py": FLIGHTS,
     "cli/test_demo_fleet.py::test_two_drones_find_one_transmitter_each": FLIGHTS,
     "cli/test_demo_fleet.py::test_what_was_not_found_is_named": FLIGHTS,

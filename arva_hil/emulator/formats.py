@@ -185,7 +185,7 @@ class MavlinkDecoder(FrameDecoder):
             if (d := self._values.get(f"ARVA{slot}_D")) is not None:
                 id_ = self._values.get(f"ARVA{slot}_ID", 255)
                 delta = self._values.get(f"ARVA{slot}_DIR", -1)
-                channels.append(Channel(None if id_ == 255 else id_, _zone(d, delta), d, delta))
+                channels.append(Channel(None if id_ == 255 else id_, zone_of(d, delta), d, delta))
         self._deliver(channels)
         self._values.clear()
 
@@ -197,7 +197,7 @@ class MavlinkDecoder(FrameDecoder):
             return
         d = message.time_usec - 2**64 if message.time_usec >= 2**63 else message.time_usec
         pairs = [(d, int(message.x)), (int(message.y), int(message.z))]
-        channels = [Channel(None, _zone(d, delta), d, delta) for d, delta in pairs]
+        channels = [Channel(None, zone_of(d, delta), d, delta) for d, delta in pairs]
         self._slots = channels if message.name == "a" else [*self._slots, *channels]
         if message.name == "b":
             self._deliver(self._slots if len(self._slots) == 4 else [])
@@ -214,7 +214,7 @@ class MavlinkDecoder(FrameDecoder):
         self._frames.append(frame)
 
 
-def _zone(d: int, delta: int) -> int:
+def zone_of(d: int, delta: int) -> int:
     """The zone, concluded from distance and angle."""
     if d < 0:
         return firmware_proto.OUTER

@@ -122,14 +122,23 @@ class EmulatedReceiver:
 
     - `vehicle`, `name`: names for events.
     - `start`: of the run. `first`: the time of the first frame.
+    - `schedule`: of the frames; None: those of the scenario.
     - `next_due`: the time of the next look or frame.
     """
 
     def __init__(
-        self, vehicle: str, name: str, scenario: Scenario, model: ReceiverModel, *, start: float, first: float
+        self,
+        vehicle: str,
+        name: str,
+        scenario: Scenario,
+        model: ReceiverModel,
+        *,
+        start: float,
+        first: float,
+        schedule: Schedule | None = None,
     ) -> None:
         settings = scenario.receiver
-        self.schedule = Schedule(first, settings.rate_hz, settings.jitter_s, scenario.seed)
+        self.schedule = schedule or Schedule(first, settings.rate_hz, settings.jitter_s, scenario.seed)
         self.seen = Seen(_START_S, start)
         self._about = vehicle, name
         self._model = model

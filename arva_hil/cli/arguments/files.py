@@ -88,6 +88,21 @@ def plot(parser: CommandParser) -> None:
     parser.option("--format", what, environment=False, dest="picture_format", choices=kinds)
 
 
+def compare(parser: CommandParser) -> None:
+    """Compare the readings of a record with those of the emulator on the same flight, or of another record.
+
+    With --scenario the emulator computes what its receiver reads at the recorded poses. Two records of one flight are
+    paired by the autopilot's clock, those of two flights by common places. Prints bias and scatter of d and δ by range,
+    zone, angle and time.
+    """
+    parser.add_argument("run", metavar="RECORD", help="folder of a record")
+    parser.add_argument("other", nargs="?", metavar="RECORD2", help="another record")
+    parser.option("--scenario FILE", "scenario (YAML) of the emulator, or builtin:NAME")
+    parser.option("--seed N", "seed of the emulator's noise", whole(0, LARGEST_SEED))
+    parser.option("--out FILE", "a picture of it, .png, .svg or .pdf; needs matplotlib")
+    parser.option("--json", "print a JSON object for each transmitter")
+
+
 def export(parser: CommandParser) -> None:
     """Write a record for maps, spreadsheets and other programs.
 

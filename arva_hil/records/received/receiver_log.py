@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
 from arva_hil.emulator.engine import NOBODY, Addressees, EngineOptions
+from arva_hil.emulator.formats import zone_of
 from arva_hil.emulator.ports import Output
 from arva_hil.emulator.receivers import Mounting
 from arva_hil.emulator.setup import VehicleSetup
@@ -193,7 +194,10 @@ class ReceiverLog:
     def _made(self, came: _Waiting, seen: Snapshot) -> FrameMade:
         pose = self._mounting.pose(seen.pose, came.t - self._start, swings=True)
         ranges = seen.transmitters.ranges(pose.position) if pose else {}
-        slots = [ChannelReading(c.id, c.zone, c.d, c.delta, None, c.marked) for c in came.frame.channels]
+        slots = [
+            ChannelReading(c.id, c.zone or (zone_of(c.d, c.delta) if c.valid else c.zone), c.d, c.delta, None, c.marked)
+            for c in came.frame.channels  # some formats do not carry the zone
+        ]
         status, instant_s = came.frame.status, came.t - self._start
         reading = Reading(
             with_true_ranges(slots, ranges),

@@ -1,0 +1,121 @@
+"""Readings side by side: the figures of a comparison are those that were put into the flights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arva_hil.config import DEFAULT, Scenario, Transmitter
+from arva_hil.records.comparing import Comparison, compared, emulated_again, paired_frames, same_frames
+from arva_hil.records.reading import load
+from tools.real.rehearsal import Waypoint, rehearse
+
+from .test_received import QUIET
+
+FLIGHT = [
+    Waypoint(0, -15, 0, -4, 0),
+    Waypoint(20, 25, 0, -4, 0),
+    Waypoint(25, 25, 10, -4, 90),
+    Waypoint(45, -15, 10, -4, 180),
+    Waypoint(60, 10, 5, -4, 270),
+]
+
+
+def with_scenario(folder: Path, scenario: Scenario) -> Comparison:
+    record = load(folder)
+    again = emulated_again(record, record.receivers[0], scenario)
+    (one,) = compared(record.receivers[0], again.receiver, same_frames(len(again.receiver)), again.ranges)
+    return one
+
+
+def test_the_emulator_reads_the_same_where_nothing_differs(tmp_path: Path) -> None:
+    one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT), QUIET)
+    assert one.all is not None
+    assert (one.both, one.frames) == (60, 61)  # the autopilot sends nothing before the first
+    assert one.all.d_bias_m == pytest.approx(0, abs=0.02)
+    assert one.all.d_scatter_m < 0.05
+    assert one.all.delta_scatter_deg is not None
+    assert one.all.delta_scatter_deg < 1.6
+    assert one.hints == []
+
+
+def test_a_receiver_that_is_late_has_this_lag(tmp_path: Path) -> None:
+    one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT, latency_s=0.6), QUIET)
+    assert one.lag_s == pytest.approx(0.6, abs=0.06)
+
+
+def test_another_display_law_is_a_ratio_and_a_mount_a_bias_of_the_angle(tmp_path: Path) -> None:
+    mount = replace(QUIET.receiver.mount, attitude=(0.0, 0.0, 12.0))
+    real = replace(QUIET, receiver=replace(QUIET.receiver, kappa_eq=1.542 * 1.1**3, mount=mount))
+    one = with_scenario(rehearse(tmp_path / "r", real, FLIGHT), QUIET)
+    assert one.all is not None
+    assert one.all.ratio == pytest.approx(1.1, abs=0.01)
+    assert one.all.delta_bias_deg == pytest.approx(-12, abs=1)
+    assert {spread.label for spread in one.groups["zone"]} == {"mid"}
+    assert sum(spread.count for spread in one.groups["time"]) == one.both
+    assert sum(spread.count for spread in one.groups["range"]) == one.both
+
+
+def test_a_place_100_m_off_is_said(tmp_path: Path) -> None:
+    elsewhere = replace(QUIET, transmitters=(Transmitter(id=1, ned=(20.0, 105.0, 0.0)),))
+    one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT), elsewhere)
+    assert one.second_only == one.both == 0
+    hint = next(hint for hint in one.hints if "off" in hint)
+    assert 80 < float(hint.split("about ")[1].split(" m")[0]) < 110
+
+
+def test_a_transmitter_that_the_scenario_has_not_is_said(tmp_path: Path) -> None:
+    other = replace(QUIET, transmitters=(Transmitter(id=7, ned=(200.0, 105.0, 0.0)),))
+    one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT), other)
+    assert any("is not in the second at all" in hint for hint in one.hints)
+
+
+def test_frames_without_ids_are_those_of_the_nearest(tmp_path: Path) -> None:
+    one = with_scenario(rehearse(tmp_path / "r", replace(QUIET, output_format="text"), FLIGHT), QUIET)
+    assert one.id is None
+    assert one.all is not None
+    assert one.all.d_scatter_m < 0.05
+
+
+def test_a_receiver_of_pulses_is_compared_with_one_of_pulses(tmp_path: Path) -> None:
+    pulsed = replace(QUIET, receiver=replace(QUIET.receiver, model="pulsed", options=None))
+    one = with_scenario(rehearse(tmp_path / "r", pulsed, FLIGHT), pulsed)
+    assert one.all is not None
+    assert one.all.d_scatter_m < 0.2
+    assert one.first_only + one.second_only <= 3
+
+
+def test_two_records_of_one_flight_are_paired_by_the_autopilots_clock(tmp_path: Path) -> None:
+    a, b = rehearse(tmp_path / "a", DEFAULT, FLIGHT), rehearse(tmp_path / "b", replace(DEFAULT, seed=2), FLIGHT)
+    later = (b / "events.jsonl").read_text().replace("2027-01-01T00:00:", "2027-01-01T00:07:")
+    (b / "events.jsonl").write_text(later)
+    one, two = load(a), load(b)
+    pairs = paired_frames(one, two)
+    assert pairs.how == "time"
+    assert pairs.offset_s == pytest.approx(420, abs=0.01)
+    (result,) = compared(one.receivers[0], two.receivers[0], pairs)
+    assert result.all is not None
+    assert 0 < result.all.d_scatter_m < 1
+    assert abs(result.all.d_bias_m) < 0.3
+
+
+def test_two_flights_are_paired_by_their_places(tmp_path: Path) -> None:
+    there = [point._replace(time_s=point.time_s * 1.3) for point in FLIGHT]
+    one, two = load(rehearse(tmp_path / "a", QUIET, FLIGHT)), load(rehearse(tmp_path / "b", QUIET, there))
+    pairs = paired_frames(one, two)
+    assert pairs.how == "place"
+    (result,) = compared(one.receivers[0], two.receivers[0], pairs)
+    assert result.both > 30
+    assert result.all is not None
+    assert result.all.d_scatter_m < 1
+    assert result.lag_s is None
+
+
+def test_a_comparison_is_plain_json(tmp_path: Path) -> None:
+    said = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT), QUIET).as_json()
+    assert said["id"] == 1
+    assert set(said["by"]) == {"range", "zone", "angle", "time"}
+    assert np.isfinite(said["all"]["ratio"])
