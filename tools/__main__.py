@@ -26,6 +26,7 @@ PROGRAMS = {
     "fuzz autopilot": "tools.hostile",
     "fuzz sensors": "tools.lying_sensors",
     "sitl fly": "tools.fly_simulators",
+    "sitl lua": "tools.fly_lua",
     "sitl pilot": "tools.pilot_authority",
     "soak run": "tools.long_run",
     "soak kills": "tools.random_kills",

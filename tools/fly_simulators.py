@@ -46,11 +46,10 @@ from typing import Final
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from arva_hil.cli.common import run_first
 from arva_hil.mavlink.codec import command, dialect
 from tools.sitl.judge import BEGINS, SILENCE, Buried, Flight, Program, judge
 from tools.sitl.lies import LIES, Lie
-from tools.sitl.relay import Hands
+from tools.sitl.relay import Hands, run_as_others, run_first
 from tools.sitl.simulator import HOME, Simulator, wait
 
 WITHIN_M: Final = 30.0
@@ -101,7 +100,8 @@ def fly(
         simulator = Simulator(binary, folder, kind, seed, slope, rangefinder or kind == "lie")
         stack.callback(simulator.close)
         for _ in range(2 if kind == "busy" else 0):
-            stack.callback(subprocess.Popen([sys.executable, "-c", "while True: pass"]).kill)
+            burner = subprocess.Popen([sys.executable, "-c", "while True: pass"], preexec_fn=run_as_others)
+            stack.callback(burner.kill)
         emulator = Program(
             *(folder, "run", "--scenario", scenario, "--record", folder / "record", "--timeout", 60),
             *("--autopilot", simulator.telemetry, "--port", f"pty:{port}"),
@@ -243,10 +243,10 @@ def main(arguments: list[str]) -> int:
     if (options.slope or options.rangefinder) and options.binary.name != "arducopter":
         parser.error("--slope and --rangefinder are for arducopter")
     good = True
-    with run_first():  # the relay's threads need Python's lock
-        for flight in flights(options):
-            print(flight, flush=True)
-            good = good and flight.good
+    run_first()
+    for flight in flights(options):
+        print(flight, flush=True)
+        good = good and flight.good
     return 0 if good else 1
 
 

@@ -20,7 +20,7 @@ from typing import Final
 from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field import LocalFrame
-from tools.sitl.relay import orders, orders_landing, tells_mode
+from tools.sitl.relay import orders, orders_landing, run_as_others, tells_mode
 from tools.sitl.simulator import HOME, Simulator, wait
 
 Buried = dict[int, list[float]]  # transmitters: NED from home, by id
@@ -48,6 +48,7 @@ class Program:
             stderr=subprocess.PIPE,
             text=True,
             cwd=Path(__file__).parents[2],
+            preexec_fn=run_as_others,
         )
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()

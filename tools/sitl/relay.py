@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
-from arva_hil.cli.common import run_first
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
@@ -22,6 +22,19 @@ ORDERS: Final = (
     dialect.MAV_CMD_NAV_TAKEOFF,
     dialect.MAV_CMD_NAV_LAND,
 )
+
+
+def run_first() -> None:
+    """Let all threads of this program run before others: busy cores must not look like a late search.
+
+    Raises PermissionError without the right to do so. Programs that it starts get `run_as_others`.
+    """
+    os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+
+
+def run_as_others() -> None:
+    """For a process that is started."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 class Note(NamedTuple):
@@ -74,17 +87,6 @@ class Relay:
 
     def _to_vehicle(self, data: bytes) -> None:
         raise NotImplementedError
-
-    def _start(self, run: Callable[[], None]) -> threading.Thread:
-        """Run it in a thread that does not wait for a processor: busy cores must not look like a late search."""
-
-        def first() -> None:
-            with run_first():
-                run()
-
-        thread = threading.Thread(target=first, daemon=True)
-        thread.start()
-        return thread
 
     def _changed(self, data: bytes) -> bytes:
         """The bytes for the search, with the lie in them."""
@@ -142,7 +144,7 @@ class TcpRelay(Relay):
         self._vehicle: socket.socket | None = None
         self._search: socket.socket | None = None
         for run in (self._serve, self._pump):
-            self._start(run)
+            threading.Thread(target=run, daemon=True).start()
 
     def _serve(self) -> None:
         while self._vehicle is None and not self._ended.is_set():
@@ -190,7 +192,9 @@ class UdpRelay(Relay):
             self._search = free.getsockname()
         self.url = f"udpin:127.0.0.1:{self._search[1]}"
         self._vehicle: Any = None
-        self._threads = [self._start(run) for run in (self._serve, self._pump)]
+        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._serve, self._pump)]
+        for thread in self._threads:
+            thread.start()
 
     def _serve(self) -> None:
         while not self._ended.is_set():

@@ -13,20 +13,22 @@ from typing import Final
 
 from arva_hil.mavlink.codec import command, dialect
 from tests.sitl.truth import Place, Witness, ground_m
-from tools.sitl.relay import PER_DEGREE_M, SPACING_M, Relay, Slope, TcpRelay, UdpRelay
+from tools.sitl.relay import PER_DEGREE_M, SPACING_M, Relay, Slope, TcpRelay, UdpRelay, run_as_others
 
 HOME: Final = (47.397742, 8.545594, 488.0)
 COPTER: Final = 7  # the instance, away from that of tests/sitl
 PX4: Final = 3
 SPEEDUP: Final = 8  # until ArduPilot knows its place
 WIND_M_S, GPS_M, GPS_S = 5.0, 1.5, 30.0
+SCRIPT_WEATHER: Final = 7.0, 0.0  # wind and GPS error of searches by a script
 
 
 class Weather:
     """For ArduPilot's simulator. Once `begun`, the error of its GPS walks: a Gauss-Markov process on each axis."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, wind: float = WIND_M_S, gps: float = GPS_M) -> None:
         self.begun = False
+        self._wind, self._gps = wind, gps
         self._draw = random.Random(f"weather {seed}")
         self._direction = self._draw.uniform(0, 360)
         self._error = [0.0, 0.0, 0.0]
@@ -34,10 +36,10 @@ class Weather:
     def __call__(self, now: float) -> Mapping[str, float]:
         keep = math.exp(-1 / GPS_S)
         if self.begun:
-            self._error = [e * keep + self._draw.gauss(0, GPS_M) * math.sqrt(1 - keep**2) for e in self._error]
+            self._error = [e * keep + self._draw.gauss(0, self._gps) * math.sqrt(1 - keep**2) for e in self._error]
         north, east, up = self._error
         return {
-            "SIM_WIND_SPD": WIND_M_S,
+            "SIM_WIND_SPD": self._wind,
             "SIM_WIND_DIR": self._direction,
             "SIM_WIND_TURB": 1.0,
             "SIM_GPS1_GLTCH_X": north / 111_200,
@@ -48,15 +50,24 @@ class Weather:
 
 class Simulator:
     """A simulator as a process. `telemetry`: the emulator's link. ArduPilot's may have ground that rises to the north,
-    `slope` m a metre, and a rangefinder."""
+    `slope` m a metre, a rangefinder, and a receiver on the serial port `receiver`, for scripts."""
 
     def __init__(
-        self, binary: Path, folder: Path, kind: str, seed: int, slope: float = 0.0, rangefinder: bool = False
+        self,
+        binary: Path,
+        folder: Path,
+        kind: str,
+        seed: int,
+        slope: float = 0.0,
+        rangefinder: bool = False,
+        receiver: Path | None = None,
     ) -> None:
         self.slope = slope
         self.copter = binary.name == "arducopter"
         self.system = 1 if self.copter else PX4 + 1
         self.weather = Weather(seed) if self.copter and kind in ("anywhere", "busy") else None
+        if receiver:
+            self.weather = Weather(seed, *SCRIPT_WEATHER)
         self.pilots, self.still = (5, 4) if self.copter else (3 << 24 | 4 << 16, 3 << 24 | 4 << 16)
         self._log = (folder / "autopilot.log").open("wb")
         self._folder, self._binary = folder, binary
@@ -69,11 +80,13 @@ class Simulator:
             own.write_text(
                 f"TERRAIN_ENABLE {int(slope != 0)}\nTERRAIN_SPACING {SPACING_M}\n"
                 f"RNGFND1_TYPE {100 * rangefinder}\nRNGFND1_ORIENT 25\n"
+                + ("SCR_ENABLE 1\nSERIAL5_PROTOCOL 28\n" if receiver else "")
                 + ("FENCE_ENABLE 1\nFENCE_TYPE 2\nFENCE_RADIUS 10\nFENCE_ACTION 0\n" if kind == "fence" else "")
             )
             self._start(
                 *(binary, f"-I{COPTER}", "--model", "quad", "--serial0", "tcp:0", "--speedup", SPEEDUP),
                 *("--home", home, "--defaults", f"{parameters},{own}"),
+                *(("--serial5", f"uart:{receiver}:57600") if receiver else ()),
             )
             self.telemetry = f"tcp:127.0.0.1:{port + 2}"
             self.relay = TcpRelay(port)
@@ -137,6 +150,7 @@ class Simulator:
             stdout=self._log,
             stderr=subprocess.STDOUT,
             env=environment or None,
+            preexec_fn=run_as_others,
         )
 
     def _waits(self, text: str) -> None:
