@@ -15,7 +15,7 @@ from arva_hil.config.nodes import folder_of
 from arva_hil.config.profiles import located
 from arva_hil.config.reading import keys_in, near_file, read, read_text
 from arva_hil.config.scenario import Scenario, load
-from arva_hil.config.tables import Table, TableOf, fields_of, key, newer_keys, read_keys
+from arva_hil.config.tables import Table, TableOf, key, newer_keys, read_keys
 from arva_hil.registry import STRATEGIES, formats_with_ids, over_mavlink
 
 SPEC: Final = 1
@@ -195,7 +195,7 @@ class CampaignPlan(Table):
 
     def __post_init__(self, spec: int) -> None:
         for name, number, value in _by_strategy(self):
-            usual = fields_of(CampaignPlan)[name].default
+            usual = CampaignPlan.__table__[name].default
             own = value if isinstance(value, Mapping) else dict.fromkeys(self.strategies, value)
             each = {strategy: number.read(own[strategy]) for strategy in own}
             object.__setattr__(self, name, dict.fromkeys(self.strategies, usual) | each)
@@ -206,7 +206,7 @@ class CampaignPlan(Table):
             if isinstance(value, Mapping) and of.strategies and None not in of.strategies:
                 _, violations = read_keys(value, dict.fromkeys(of.strategies, number))
                 yield from ConstraintError(*violations).below(name)
-        axes = [getattr(of, name) for name, one in fields_of(cls).items() if isinstance(one.constraint, _Axis)]
+        axes = [getattr(of, name) for name, one in cls.__table__.items() if isinstance(one.constraint, _Axis)]
         count = math.prod(len(axis) for axis in axes if axis)
         if count > MOST_TRIALS:
             yield Violation(f"at most {MOST_TRIALS}", f"{count} trials")
@@ -223,7 +223,7 @@ class CampaignPlan(Table):
 
 def _by_strategy(plan: Any) -> Iterator[tuple[str, Number, Any]]:
     """Yield the keys that may differ by strategy: name, constraint, and value, a mapping or one for all."""
-    for name, one in fields_of(CampaignPlan).items():
+    for name, one in CampaignPlan.__table__.items():
         if isinstance(one.constraint, _ByStrategy):
             yield name, one.constraint.number, getattr(plan, name)
 

@@ -10,7 +10,7 @@ from arva_hil.config import own_options
 from arva_hil.config.common import NED_POINT, SPAN, TRANSMITTER_ID, Triple
 from arva_hil.config.constraints import Anything, Constraint, Named, Number, On, Whole
 from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, wrong
-from arva_hil.config.tables import OtherKeys, Table, fields_of, key, read_keys, unknown_key
+from arva_hil.config.tables import OtherKeys, Table, key, read_keys, unknown_key
 from arva_hil.errors import KindError
 from arva_hil.registry import FAULTS, FORMATS, over_mavlink
 
@@ -147,7 +147,7 @@ class FaultItem(Constraint):
         every = []
         for name in FAULTS.names():
             kind: FaultKind = FAULTS[name]
-            helps = {key: one.help for key, one in fields_of(Fault).items()} | {name: kind.help}
+            helps = {key: one.help for key, one in Fault.__table__.items()} | {name: kind.help}
             properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
             properties |= own_options.schemas(kind.options) if kind.options else {}
             required = [name, *kind.needs]
@@ -159,7 +159,7 @@ class FaultItem(Constraint):
 
 def _keys(name: str) -> dict[str, Constraint]:
     kind: FaultKind = FAULTS[name]
-    return {name: kind.constraint} | {key: fields_of(Fault)[key].constraint for key in (*kind.needs, *_SCHEDULE)}
+    return {name: kind.constraint} | {key: Fault.__table__[key].constraint for key in (*kind.needs, *_SCHEDULE)}
 
 
 def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:

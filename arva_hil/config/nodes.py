@@ -36,7 +36,7 @@ class Items(list["Value"]):
     """A sequence."""
 
     def __init__(self, node: Node, spec: int) -> None:
-        super().__init__(value_of(item, spec) for item in node.value)
+        super().__init__([value_of(item, spec) for item in node.value])
         self.node, self.spec = node, spec
 
 

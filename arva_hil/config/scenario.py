@@ -95,10 +95,10 @@ class Scenario(Table):
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
         """Yield the values that contradict each other, in a scenario or in what is given of one."""
-        transmitters = [(("transmitters", at), one) for at, one in items_of(of, "transmitters")]
+        transmitters, vehicles = items_of(of, "transmitters"), items_of(of, "vehicles")
         yield from duplicates(transmitters, "id", "id")
-        yield from vehicle_conflicts(of)
-        systems = [vehicle.system for _, vehicle in items_of(of, "vehicles")]
+        yield from vehicle_conflicts(vehicles)
+        systems = [vehicle.system for _, vehicle in vehicles]
         for path, one in transmitters:
             if one.follows and systems.count(one.follows.system) > 1:
                 yield Violation("a system that one vehicle has", path=(*path, "follows", "system"))
@@ -108,14 +108,14 @@ class Scenario(Table):
             yield Violation(expected, "navigation_error", None, ("navigation_error",), at_key=True)
         ids = [one.id for _, one in transmitters]
         known: Collection[int] = range(255) if not ids or None in ids else ids
-        receivers = [one for _, vehicle in items_of(of, "vehicles") for _, one in items_of(vehicle, "receivers")]
+        receivers = [one for _, vehicle in vehicles for _, one in items_of(vehicle, "receivers")]
         formats = {one.format if isinstance(one, Given) else one.output_format for one in receivers} - {None}
         if isinstance(of, Given) and not formats:
             formats = {(of.output and of.output.format) or "binary"}
-        for at, fault in items_of(of, "faults") if isinstance(of, Given) else ():
+        for path, fault in items_of(of, "faults") if isinstance(of, Given) else ():
             found = next(filter(None, (misfit(fault, known, form) for form in sorted(formats))), None)
             if found:
-                yield Violation(found[1], found[0], path=("faults", at))
+                yield Violation(found[1], found[0], path=path)
 
 
 DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))

@@ -11,7 +11,7 @@ import functools
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, InitVar, dataclass, field, replace
 from types import SimpleNamespace
-from typing import Any, NamedTuple, dataclass_transform, get_args
+from typing import Any, ClassVar, NamedTuple, dataclass_transform, get_args
 
 from arva_hil.config.constraints import Anything, Constraint, Named, Word
 from arva_hil.config.errors import ConstraintError, Violation, any_of, short
@@ -58,6 +58,13 @@ class Table:
     `required`, and exactly one of those in `one_of`. Raises ConstraintError, a ValueError.
     """
 
+    __table__: ClassVar[dict[str, Field]]
+    """All fields, also those that are keys of a file alone, and those that are none."""
+    __defaults__: ClassVar[dict[str, Any]]
+    """The default of each field, None without one."""
+    __required__: ClassVar[list[str]]
+    __one_of__: ClassVar[list[str]]
+
     def __init_subclass__(cls, *, required: str = "", one_of: str = "") -> None:
         made: Any = cls
         if "__post_init__" in vars(cls):
@@ -65,6 +72,9 @@ class Table:
         made.__post_init__ = _check
         dataclass(frozen=True)(cls)
         made.__table__ = {one.name: _declared(one) for one in made.__dataclass_fields__.values()}
+        made.__defaults__ = {
+            name: None if one.default is MISSING else one.default for name, one in made.__table__.items()
+        }
         made.__required__ = [*(name for name, one in keys(made).items() if one.default is MISSING), *required.split()]
         made.__one_of__ = one_of.split()
 
@@ -102,16 +112,15 @@ def is_table(value: Any) -> bool:
     return hasattr(value, "__table__")
 
 
-def fields_of(cls: Any) -> dict[str, Field]:
-    """All fields of a table, also those that are keys of a file alone, and those that are none."""
-    declared: dict[str, Field] = cls.__table__
-    return declared
-
-
 @functools.cache
 def keys(cls: Any, spec: int = 1_000) -> Mapping[str, Field]:
     """The keys of a table that files of a spec have."""
-    return {name: one for name, one in fields_of(cls).items() if 0 < one.since <= spec}
+    return {name: one for name, one in cls.__table__.items() if 0 < one.since <= spec}
+
+
+@functools.cache
+def _constraints(cls: Any, spec: int) -> dict[str, Constraint]:
+    return {name: one.constraint for name, one in keys(cls, spec).items()}
 
 
 def newer_keys(value: Any) -> set[str]:
@@ -128,7 +137,7 @@ def newer_keys(value: Any) -> set[str]:
 
 def _check(self: Any, *init_vars: Any) -> None:
     """The `__post_init__` of a table: checks the values that it was made with."""
-    fields, for_file = fields_of(type(self)), iter(init_vars)
+    fields, for_file = self.__table__, iter(init_vars)
     values = {name: next(for_file) if one.file_only else getattr(self, name) for name, one in fields.items()}
     unusual = {
         name: values[name]
@@ -148,7 +157,7 @@ def _check(self: Any, *init_vars: Any) -> None:
 def _made(cls: Any, values: Mapping[str, Any]) -> Any:
     """Make a table of values that are checked."""
     made, for_file = object.__new__(cls), []
-    for name, one in fields_of(cls).items():
+    for name, one in cls.__table__.items():
         value = values.get(name, one.default)
         if one.file_only:
             for_file.append(value)
@@ -183,22 +192,21 @@ class TableOf(Constraint):
         if isinstance(value, cls):
             return value
         spec = spec_of(value)
-        known = {name: one.constraint for name, one in keys(cls, spec).items()}
+        known = _constraints(cls, spec)
         if not isinstance(value, Mapping):
             near = next((f"{{{name}: {value}}}" for name, one in known.items() if _is_word(one, value)), None)
             raise ConstraintError(Violation(f"a mapping with {', '.join(known)}", nearest=near))
         other = cls.other_keys(value)
         valid = known | dict.fromkeys(other.names, Anything())
-        newer = {name: one.since for name, one in keys(cls).items() if one.since > spec}
-        values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, newer)
-        default = {name: None if one.default is MISSING else one.default for name, one in fields_of(cls).items()}
-        known_values = {name: values[name] for name in values if name in known}
-        given = Given(**default | known_values, mapping=value)
+        values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, keys(cls))
+        for name in other.names:
+            values.pop(name, None)
+        given = Given(**cls.__defaults__ | values, mapping=value)
         violations += [*other.violations, *cls.conflicts(given)]
         if violations:
             raise ConstraintError(*violations, given=given)
         options = {"options": other.options} if other.names else {}
-        return _made(cls, known_values | options | self._more)
+        return _made(cls, values | options | self._more)
 
     def plain(self, value: Any, spec: int) -> Any:
         file_keys: dict[str, Any] = dict(value.file_keys())
@@ -243,12 +251,12 @@ def read_keys(
     valid: Mapping[str, Constraint],
     required: Iterable[str] = (),
     one_of: Iterable[str] = (),
-    newer: Mapping[str, int] | None = None,
+    newer: Mapping[str, Field] | None = None,
 ) -> tuple[dict[str, Any], list[Violation]]:
     """The values of a mapping's keys, what is given of those that are wrong, and all that is wrong with the mapping.
 
     `valid`: its keys. It has those in `required`, and exactly one of those in `one_of`, as far as they are valid.
-    `newer`: the keys of files of a newer spec, each with that spec.
+    `newer`: the keys of files of any spec.
     """
     values: dict[str, Any] = {}
     violations: list[Violation] = []
@@ -264,18 +272,18 @@ def read_keys(
     for name in required:
         if name not in mapping:
             violations.append(Violation(f"a mapping with {name}", f"no {name}"))
-    group = [name for name in one_of if name in valid]
-    given = [name for name in mapping if name in group]
-    expected = f"a mapping with exactly one of {', '.join(group)}"
-    if group and not given:
-        violations.append(Violation(expected, f"no {' or '.join(group)}"))
-    for name in given[1:]:
-        violations.append(Violation(expected, f"both {given[0]} and {name}", None, (name,), at_key=True))
+    if one_of and (group := [name for name in one_of if name in valid]):
+        given = [name for name in mapping if name in group]
+        expected = f"a mapping with exactly one of {', '.join(group)}"
+        if not given:
+            violations.append(Violation(expected, f"no {' or '.join(group)}"))
+        for name in given[1:]:
+            violations.append(Violation(expected, f"both {given[0]} and {name}", None, (name,), at_key=True))
     return values, violations
 
 
 def unknown_key(
-    mapping: Mapping[str, Any], name: str, valid: Collection[str], newer: Mapping[str, int] | None = None
+    mapping: Mapping[str, Any], name: str, valid: Collection[str], newer: Mapping[str, Field] | None = None
 ) -> Violation:
     """A key that a mapping does not have, or that is there again."""
     text, shown = name, repr(name)
@@ -286,14 +294,15 @@ def unknown_key(
         if text in valid:
             return Violation("each key once", f"key {text!r} again", None, (name,), at_key=True, first=(text,))
     if newer and text in newer:
-        expected = f"`spec: {newer[text]}` at the top of the file"
-        return Violation(expected, f"key {shown} of spec {newer[text]}", None, (name,), at_key=True)
+        spec = newer[text].since
+        expected = f"`spec: {spec}` at the top of the file"
+        return Violation(expected, f"key {shown} of spec {spec}", None, (name,), at_key=True)
     return Violation(any_of(valid), f"unknown key {shown}", nearest(text.lower(), valid), (name,), at_key=True)
 
 
 def valid_value(cls: Any, mapping: Mapping[str, Any], key: str) -> Any:
     """The value of a key in a mapping that is not read yet; the default if it is not there, None if it is wrong."""
-    one = fields_of(cls)[key]
+    one = cls.__table__[key]
     try:
         return one.constraint.read(mapping[key]) if key in mapping else one.default
     except ConstraintError:
@@ -305,9 +314,9 @@ def lacks(of: Any, key: str) -> bool:
     return getattr(of, key) is None and not (isinstance(of, Given) and key in of.mapping)
 
 
-def items_of(of: Any, key: str) -> list[tuple[int, Any]]:
-    """The items of a list in a table, each with its index; what is nothing at all in a file is left out."""
-    return [(at, one) for at, one in enumerate(getattr(of, key) or ()) if one is not None]
+def items_of(of: Any, key: str) -> list[tuple[tuple[str | int, ...], Any]]:
+    """The items of a list in a table, each with its path; what is nothing at all in a file is left out."""
+    return [((key, at), one) for at, one in enumerate(getattr(of, key) or ()) if one is not None]
 
 
 def duplicates(items: Iterable[tuple[tuple[str | int, ...], Any]], key: str, what: str) -> Iterator[Violation]:

@@ -64,14 +64,14 @@ def ground_conflicts(of: Any) -> Iterator[Violation]:
         yield Violation("a terrain around the datum", found, path=("terrain",))
         return
     frame = LocalFrame(datum.lat, datum.lon, datum.alt) if isinstance(datum, Lla) else None
-    for at, one in items_of(of, "transmitters"):
+    for path, one in items_of(of, "transmitters"):
         ned = (one.enu[1], one.enu[0], 0.0) if one.enu else one.ned
         if one.depth_m is None or (one.lla is None and (ned is None or frame is None)):
             continue
         place = (one.lla.lat, one.lla.lon) if one.lla else [float(value) for value in frame.lla(ned)[:2]]  # type: ignore[union-attr]
         if grid.height(*place) is None:
             found = f"a transmitter outside of {grid.source}, or over a hole of it"
-            yield Violation("a place with a height", found, path=("transmitters", at))
+            yield Violation("a place with a height", found, path=path)
 
 
 def load_grid(path: str) -> "TerrainGrid":

@@ -164,10 +164,10 @@ class Path(Table, required="frame points"):
     def conflicts(cls, of: Any) -> Iterator[Violation]:
         where = "points" if of.points else "points_ned"
         before = None
-        for at, (time_s, *_) in items_of(of, where):
+        for path, (time_s, *_) in items_of(of, where):
             if before is not None and time_s <= before:
                 expected = f"later than the point before ({before:g} s)"
-                yield Violation(expected, f"a point at {time_s:g} s", path=(where, at))
+                yield Violation(expected, f"a point at {time_s:g} s", path=path)
             before = time_s
 
 
@@ -226,7 +226,7 @@ class Transmitter(Table, one_of="enu ned lla path follows"):
                 yield Violation("enu, ned or lla beside depth_m", name, path=(name,), at_key=True)
 
     def __post_init__(self, enu: Triple | None, profile: str | None) -> None:
-        if sum(place is not None for place in (enu, self.ned, self.lla, self.path, self.follows)) != 1:
+        if (enu, self.ned, self.lla, self.path, self.follows).count(None) != 4:
             raise ValueError("a transmitter has either ned or lla, path or follows")
         if enu is not None:
             object.__setattr__(self, "ned", (enu[1], enu[0], 0.0 - enu[2]))

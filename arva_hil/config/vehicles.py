@@ -1,6 +1,6 @@
 """Additions of `spec: 2` around the receiver: the error of the autopilot's estimate, several vehicles and receivers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import InitVar, fields
 from typing import Any, Final
 
@@ -125,15 +125,14 @@ class VehicleConfig(Table):
     )
 
 
-def vehicle_conflicts(scenario: Any) -> Iterator[Violation]:
-    """Yield the conflicts between the vehicles of a scenario, or of what is given of one."""
-    vehicles = [(("vehicles", at), vehicle) for at, vehicle in items_of(scenario, "vehicles")]
+def vehicle_conflicts(vehicles: Sequence[tuple[tuple[str | int, ...], Any]]) -> Iterator[Violation]:
+    """Yield the conflicts between the vehicles of a scenario, each with its path."""
     yield from duplicates(vehicles, "name", "vehicle")
     ports = []
     by_link: dict[Any, list[Any]] = {}
     for path, vehicle in vehicles:
         by_link.setdefault(vehicle.autopilot, []).append((path, vehicle))
-        receivers = [((*path, "receivers", at), receiver) for at, receiver in items_of(vehicle, "receivers")]
+        receivers = [((*path, *at), receiver) for at, receiver in items_of(vehicle, "receivers")]
         yield from duplicates(receivers, "name", "receiver")
         ports += [one for one in receivers if one[1].port != "pty"]  # each is a new one
     yield from duplicates(ports, "port", "port")

@@ -9,11 +9,10 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from arva_hil import config
 from arva_hil.autopilot.following.terrain_requests import LatLon
-from arva_hil.emulator.ground import ScenarioGround
 from arva_hil.model.field import (
     Following,
     LocalFrame,
@@ -22,6 +21,7 @@ from arva_hil.model.field import (
     Transmitters,
     Waypoints,
     keying,
+    quaternion,
     rotation,
 )
 from arva_hil.model.field.medium import AIR, Medium, skin_depth_m
@@ -32,6 +32,8 @@ from arva_hil.registry import RECEIVERS
 
 # EN 282: a field of 80 nA/m has to be heard, 4.7 dB above the noise
 _NORM_NA_M: Final = {"threshold_na_m": 80.0, "noise_na_m": 46.0}
+
+_KEYING: Final = config.KeyingOptions()  # of a transmitter without any
 
 
 def transmitters(
@@ -114,7 +116,7 @@ def _strength(transmitter: config.Transmitter) -> float:
 
 def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
     """A set of its class, with the values of the scenario."""
-    options = transmitter.keying or config.KeyingOptions()
+    options = transmitter.keying or _KEYING
     drawn = keying.draw_keying(keying.KEYING_CLASSES[options.kind], seed, transmitter.id, options.temperature_c)
     names = "period_s", "pulse_s", "phase_s", "jitter_s", "carrier_hz", "leak_db", "from_s"
     given = {name: value for name in names if (value := getattr(options, name)) is not None}
@@ -130,8 +132,9 @@ def _medium(options: config.MediumOptions | None, ground: Sequence[float | None]
     return Medium(options.dipole, depth_m, np.nan_to_num(surface))
 
 
-def _quaternion(degrees: tuple[float, float, float]) -> NDArray[np.float64]:
-    return rotation.from_euler(*np.radians(degrees))
+def _quaternion(degrees: tuple[float, float, float]) -> quaternion.Quaternion:
+    roll, pitch, yaw = degrees
+    return quaternion.from_euler(math.radians(roll), math.radians(pitch), math.radians(yaw))
 
 
 def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float]:
@@ -152,3 +155,55 @@ def _motion(transmitter: config.Transmitter) -> Waypoints | Following | None:
     if (follows := transmitter.follows) is not None:
         return Following(follows.system, np.array(follows.offset))
     return None
+
+
+class ScenarioGround:
+    """The scenario's grid, or the `heights` [m AMSL] that an autopilot reported for `ground_places`; else level ground.
+
+    With `datum: home` the vehicle stands on the ground there, at any reported altitude.
+    """
+
+    def __init__(
+        self, scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
+    ) -> None:
+        self._grid = scenario.terrain
+        self._frame = frame
+        self._heights = heights
+        self._at_home = scenario.datum == "home"
+        self._level = self._grid is None or (self._grid == "autopilot" and heights is None)
+
+    def place(self, transmitter: config.Transmitter) -> tuple[tuple[float, float, float], float]:
+        """Of a transmitter with a depth: its place NED [m], and the ground there, down [m]; NaN if it is not known."""
+        lat, lon = lat_lon(transmitter, self._frame)
+        north, east, ground = self._frame.ned(lat, lon, self._alt((lat, lon))).tolist()
+        if transmitter.ned is not None:
+            north, east, level = transmitter.ned
+            ground = level if self._level else ground
+        return (north, east, ground + (transmitter.depth_m or 0.0)), ground
+
+    def _alt(self, place: LatLon) -> float:
+        home = self._frame.lla((0.0, 0.0, 0.0))
+        if self._level:
+            return float(home[2])
+        return self._height(place) + (float(home[2]) - self._height(_rounded(home)) if self._at_home else 0.0)
+
+    def _height(self, place: LatLon) -> float:
+        told = (self._heights or {}).get(place) if self._grid == "autopilot" else self._grid.height(*place)
+        return math.nan if told is None else told
+
+
+def ground_places(scenario: config.Scenario, frame: LocalFrame) -> list[LatLon]:
+    """The places with a needed height: each transmitter with a depth, and the datum if it is home."""
+    places = [lat_lon(t, frame) for t in scenario.transmitters if t.depth_m is not None]
+    return [_rounded(frame.lla((0.0, 0.0, 0.0))), *places] if places and scenario.datum == "home" else places
+
+
+def lat_lon(transmitter: config.Transmitter, frame: LocalFrame) -> LatLon:
+    """The place of a transmitter at rest."""
+    lla = transmitter.lla
+    return _rounded((lla.lat, lla.lon) if lla else frame.lla(transmitter.ned or (0.0, 0.0, 0.0)))
+
+
+def _rounded(place: Sequence[ArrayLike]) -> LatLon:
+    lat, lon = (round(float(value), 7) for value in place[:2])  # type: ignore[arg-type]
+    return lat, lon

@@ -9,8 +9,7 @@ from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.autopilot.following.terrain_requests import TerrainRequests
 from arva_hil.config import Scenario
-from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.ground import ground_places
+from arva_hil.emulator.build import ground_places, moving_transmitters
 from arva_hil.events import Event, GroundFound, GroundMissing
 from arva_hil.model.field import LocalFrame
 

@@ -19,7 +19,7 @@ def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
         short = text if len(text := repr(value)) <= 60 else text[:59] + "…"
         raise ValueError(f"{name}: {short}, expected numbers{_said(shape)}") from None
     last = array.shape[max(0, array.ndim - len(shape)) :]
-    if len(last) != len(shape) or any(n not in (have, None) for have, n in zip(last, shape, strict=True)):
+    if shape and (len(last) != len(shape) or any(n not in (h, None) for h, n in zip(last, shape, strict=True))):
         raise ValueError(f"{name}: the shape {array.shape}, expected numbers{_said(shape)}")
     return array
 
