@@ -122,7 +122,7 @@ class Port:
         boot_ms = 0 if made.boot_s is None else max(0, round(made.boot_s * 1e3)) % 2**32
         if self.commands:
             self.commands.channels = len(made.frame.channels)
-        if self.faults:
+        if self.faults and (self.faults.present or self.faults.outbox):
             parcels, unsent = self._send_with_faults(self.faults, made, t, boot_ms)
         else:
             data = self._encode(made.frame, boot_ms)

@@ -44,7 +44,7 @@ def test_every_clause_names_a_section_of_the_protocol() -> None:
 
 def test_the_c_decoder_passes_every_clause(conform: Run, in_c: list[str], tmp_path: Path) -> None:
     report = tmp_path / "report.xml"
-    code, out, err = conform("--pty", "--junit", str(report), "--", *in_c)
+    code, out, err = conform("--timeout", "60", "--pty", "--junit", str(report), "--", *in_c)
     assert (code, err) == (0, ""), out
     assert out.splitlines()[-1] == "30 of 30 clauses hold"
     assert ElementTree.parse(report).getroot().attrib["tests"] == "30"
@@ -52,7 +52,8 @@ def test_the_c_decoder_passes_every_clause(conform: Run, in_c: list[str], tmp_pa
 
 @every("language", ["python", "lua"])
 def test_the_other_decoders_pass(conform: Run, tmp_path: Path, language: str) -> None:
-    code, out, _ = conform("--only", "no-signal", "--", *mutants.command(None, language, tmp_path / language))
+    command = mutants.command(None, language, tmp_path / language)
+    code, out, _ = conform("--timeout", "60", "--only", "no-signal", "--", *command)
     assert code == 0, out
 
 
