@@ -73,3 +73,16 @@ def test_the_shell_example_reads_two_frames(tmp_path: Path) -> None:
     counted = ["bash", str(EXAMPLES / "driver_test.sh"), "bash", "-c", 'head -c 66 "$0" | wc -c']
     shell = subprocess.run(counted, capture_output=True, text=True, env=environment, timeout=60)
     assert (shell.stdout.strip(), shell.returncode) == ("66", 0), shell.stderr
+
+
+def test_the_lua_example_tests_a_driver_in_a_simulator(tmp_path: Path) -> None:
+    """`ARDUCOPTER` names a stand-in here; the example has passed with ArduPilot's own simulator."""
+    simulator = f"{sys.executable} -m tests.bench.stand_in_arducopter"
+    environment = {
+        **os.environ,
+        "ARDUCOPTER": os.environ.get("ARVA_HIL_ARDUCOPTER", simulator),
+        "PYTHONPATH": str(ROOT),
+    }
+    example = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(EXAMPLES / "test_lua_driver.py")]
+    ran = subprocess.run(example, cwd=tmp_path, capture_output=True, text=True, env=environment, timeout=120)
+    assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
