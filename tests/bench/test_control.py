@@ -9,8 +9,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 
+import arva_hil.bench
 from arva_hil import Bench, BenchError
 from arva_hil.bench.control import LONGEST_LINE, REQUESTS, ControlServer, answer
 from arva_hil.clock import StepClock
@@ -23,8 +25,21 @@ def bench() -> Iterator[Bench]:
         yield made
 
 
+SCHEMA = json.loads((Path(arva_hil.bench.__file__).parent / "control.schema.json").read_text(encoding="utf-8"))
+
+
+def is_a(kind: str, line: Any) -> bool:
+    """True for a line of this kind by the schema."""
+    return bool(jsonschema.Draft202012Validator({**SCHEMA, "oneOf": [{"$ref": f"#/$defs/{kind}"}]}).is_valid(line))
+
+
 def ask(bench: Bench, **request: Any) -> dict[str, Any]:
-    return answer(bench, json.dumps(request).encode())
+    """Ask what is right, and by the schema as well."""
+    assert is_a("request", request)
+    line = json.dumps(answered := answer(bench, json.dumps(request).encode()))
+    kinds = {"advance": "advanced", "truth": "true_state", "frames": "made_frames"}
+    assert is_a(kinds.get(request["do"], "done"), json.loads(line))
+    return answered
 
 
 def test_each_request_does_what_the_bench_does(bench: Bench) -> None:
@@ -72,7 +87,9 @@ def test_each_request_does_what_the_bench_does(bench: Bench) -> None:
 )
 def test_a_wrong_line_gets_an_error_and_changes_nothing(bench: Bench, line: str, error: str) -> None:
     said = answer(bench, line.encode())
-    assert not said["ok"]
+    assert is_a("error", said)
+    if error not in ("no JSON line", "finite", "did you mean 'drop'"):  # of which a schema knows nothing
+        assert not is_a("request", json.loads(line))
     assert error in said["error"]
     assert (bench.truth().ned, bench.now(), len(bench.frames)) == ((0.0, 0.0, -3.0), 0.0, 0)
 
