@@ -41,6 +41,7 @@ API: Final = {  # groups of the public names, in the order of the page
     "Field and receivers": "dipole_field Transmitters LocalFrame readings Readings PaperReceiver Antennas Pose Look "
     "Reading ChannelReading Zone",
     "Search strategies": "Strategy Observation Found Position Velocity STILL towards",
+    "Tests": "Bench BenchTruth BenchError",
     "Plug-ins": "ReceiverModel ReceiverSettings Answer Link Address Opening AddressError LinkError LinkEnded FaultKind "
     "Number Whole Observer KindError UnknownKindError",
 }
