@@ -1,7 +1,8 @@
 """The package's addresses, and its long description: README, with links and pictures that work from anywhere.
 
 Within the project README's links are relative. A page that shows the description alone has nothing beside it, so every
-link becomes one into the project's repository, at this version's tag. Its address is `source` in pyproject.toml.
+link becomes one into the project's repository, at this version's tag. Its address is `source` in pyproject.toml;
+while that is empty, a build names no address, and links are plain text.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ def absolute(text: str, source: str, version: str) -> str:
     """`text` with each relative link as one into `source`, as hosts of repositories lay them out."""
 
     def link(found: re.Match[str]) -> str:
+        if not source:
+            return "" if found["picture"] else found["text"]
         kind = "raw" if found["picture"] else "blob"
         return f"{found['picture']}[{found['text']}]({source}/{kind}/v{version}/{found['target']})"
 
@@ -43,9 +46,10 @@ class LongDescription(MetadataHookInterface):
         source = self.config["source"]
         text = absolute(text, source, version_of(root))
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
-        metadata["urls"] = {
+        pages = {
             "Source": source,
             "Documentation": f"{source}/blob/main/docs/index.md",
             "Changelog": f"{source}/blob/main/CHANGELOG.md",
             "Issues": f"{source}/issues",
         }
+        metadata["urls"] = pages if source else {}

@@ -46,5 +46,5 @@ _source = _settings["tool"]["hatch"]["metadata"]["hooks"]["custom"]["source"]
 html_theme_options = {
     "source_view_link": f"{_source}/blob/main/docs/{{filename}}",
     "source_edit_link": f"{_source}/edit/main/docs/{{filename}}",
-    "top_of_page_buttons": ["view", "edit"],
+    "top_of_page_buttons": ["view", "edit"] if _source else [],
 }

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).parent.parent
-PLACEHOLDER: Final = "https://example.org/"
 
 
 class Tags(NamedTuple):
@@ -27,12 +26,13 @@ class Tags(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What the files say. `changelog`: its first heading; `source`: the project's address."""
+    """What the files say. `changelog`: its first heading; `source`: the project's address; `news`: in changelog.d."""
 
     version: str
     changelog: str
     citation: str
     source: str
+    news: tuple[str, ...] = ()
 
 
 def disagreements(said: Said, tags: Tags) -> list[str]:
@@ -48,10 +48,10 @@ def disagreements(said: Said, tags: Tags) -> list[str]:
             found.append(f"this commit is tagged v{tags.here}, the version is {said.version}: tag it v{said.version}")
         if "unreleased" in said.changelog:
             found.append("this commit is tagged, and CHANGELOG.md says (unreleased): write the date there")
-        if said.source.startswith(PLACEHOLDER):
-            found.append(
-                f"this commit is tagged, and the project's address is {said.source}: set the real one in pyproject.toml"
-            )
+        if not said.source:
+            found.append("this commit is tagged, and the project has no address: set `source` in pyproject.toml")
+        if said.news:
+            found.append(f"this commit is tagged, and changelog.d has {', '.join(said.news)}: move it to CHANGELOG.md")
     elif tags.newest is not None and _numbers(said.version) <= _numbers(tags.newest):
         found.append(f"v{tags.newest} is tagged already: raise __version__ in arva_hil/__init__.py")
     return found
@@ -74,7 +74,8 @@ def said(root: Path = ROOT) -> Said:
         line("arva_hil/__init__.py", r'^__version__ = "([^"]+)"$'),
         line("CHANGELOG.md", r"^## (.+)$"),
         line("CITATION.cff", r"^version: (\S+)$"),
-        line("pyproject.toml", r'^source = "([^"]+)"'),
+        line("pyproject.toml", r'^source = "([^"]*)"'),
+        tuple(sorted(path.name for path in (root / "changelog.d").glob("*.md"))),
     )
 
 
