@@ -110,7 +110,7 @@ class Bench:
 
     def _check(self, what: str) -> None:
         lat, lon, alt = self._place(self._steps)
-        state = self.session.state_at(self.now, FRAME)
+        state = self.session.navigation.state_at(self.now, FRAME)
         self.poses += 1
         truth = FRAME.ned(lat / 1e7, lon / 1e7, alt / 1e3)
         if state is None or state.age_s > 2 * STEP_S or max(abs(state.position - truth)) > 0.1:

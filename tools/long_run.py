@@ -40,10 +40,10 @@ from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
+from arva_hil.simulated import HOME
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
-HOME = (46.0123, 7.7456, 1650.0)
 HEIGHT_M = 2.0
 SPEED_M_S = 2.0
 SQUARE = ((30.0, 20.0), (30.0, -20.0), (-10.0, -20.0), (-10.0, 20.0))

@@ -30,7 +30,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, SensorsDisagree
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import memory
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import SearchStep
@@ -125,7 +125,7 @@ class LyingLink:
     def write(self, data: bytes) -> bool:
         out = b""
         for packet in self._parser.feed(data):
-            message = self._changed(self._parser.decode(packet))
+            message = self._changed(decode(packet))
             out += self._encoder.pack(message) if message is not None else b""
         return bool(self._link.write(out)) if out else True
 

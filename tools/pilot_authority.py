@@ -40,13 +40,13 @@ from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.simulated import HOME
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame, encode
 from tests.simulated_px4 import HOLD, STREAMS, Px4
 from tools.sitl.relay import orders
 
-HOME = (46.0123, 7.7456, 1650.0)
 KINDS = ("pause", "end", "climb", "other")
 LIMIT_S = 4.0  # of a search that hears nothing: then it lands
 DEADLINE_S = 60.0

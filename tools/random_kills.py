@@ -31,13 +31,13 @@ from typing import Final
 from arva_hil.clock import RealClock
 from arva_hil.links import open_link
 from arva_hil.runtime.loop import run
+from arva_hil.simulated import HOME
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame, encode
 from tests.free_ports import free_port
 
 ROOT: Final = Path(__file__).parents[1]
-HOME: Final = (46.0123, 7.7456, 1650.0)
 COMMANDS: Final = ("run", "search", "search", "replay", "campaign")
 LATEST_S: Final = 2.0  # after the moment from which the delay counts: the start of the process, or one of these words
 WORDS: Final = {

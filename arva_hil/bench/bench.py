@@ -27,12 +27,12 @@ from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.events import FrameMade
 from arva_hil.links import Link, open_link
 from arva_hil.model.field import quaternion
+from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
 HOVERS_AT: Final = (0.0, 0.0, -3.0)  # NED from home, m, before the first `place_vehicle`
 LONGEST_S: Final = 1_000_000.0  # that one call of `advance` may take
 
-_HOME: Final = (46.0123, 7.7456, 1650.0)  # degrees, degrees, metres AMSL; for `datum: home`
 _BOOTED_S: Final = -1.0  # the vehicle is there before the receiver is switched on
 _SAME_S: Final = 1e-7  # times closer than this are the same
 _LOOK_S: Final = 0.02  # of real time, between checks for a `close`
@@ -78,7 +78,7 @@ class Bench:
         self.scenario = _scenario(scenario)
         self.frames: list[FrameMade] = []
         datum = self.scenario.datum
-        home = _HOME if datum == "home" else (datum.lat, datum.lon, datum.alt)
+        home = HOME if datum == "home" else (datum.lat, datum.lon, datum.alt)
         self._clock: StepClock | RealClock = StepClock() if clock == "virtual" else RealClock()
         self._commands: Link | None = None
         self._vehicle: PathVehicle | SimulatedVehicle

@@ -241,7 +241,7 @@ class Doctor:
         place = (last.lat, last.lon, last.alt) if last else None
         add(diagnosis.position(place, session.navigation.unpositioned, session.navigation.refused, probe.fix))
         add(diagnosis.home(session.home, armed=vehicle.armed))
-        state = session.state_at(now, last.frame) if last else None
+        state = session.navigation.state_at(now, last.frame) if last else None
         add(diagnosis.pose(state.age_s if state else None))
         add(diagnosis.clock(probe.lags(now), session.navigation.reboots))
 

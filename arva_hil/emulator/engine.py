@@ -265,7 +265,7 @@ class Emulator:
 
     def _check_port(self, link: str) -> None:
         """Raise ValueError if no receiver has this port."""
-        ports = {port.link for vehicle in self.vehicles for _, port in vehicle.units}
+        ports = [port.link for vehicle in self.vehicles for _, port in vehicle.units]
         if link not in ports:
             raise ValueError(f"link: {link!r}, expected one of {', '.join(sorted({*self._links, *ports}))}")
 

@@ -42,14 +42,14 @@ class FollowedSystem:
 
     def pose(self, t: float, frame: LocalFrame) -> tuple[Array, Array] | None:
         """Return position (3,) NED in `frame` [m] and body → NED (3, 3) at `t`; None if it is silent."""
-        state = self._navigation.track.at(self._navigation.clock.boot(t), frame)
+        state = self._navigation.state_at(t, frame)
         if state is None or state.age_s > _SILENT_S:
             return None
         return state.position, rotation.to_matrix(state.attitude)
 
     def is_known(self, t: float) -> bool:
         """Return True if no later message can change its pose at `t`."""
-        return self._navigation.track.is_known(self._navigation.clock.boot(t))
+        return self._navigation.is_known(t)
 
     def check(self, now: float) -> list[Event]:
         """Return an event if it has become silent, or is heard again."""

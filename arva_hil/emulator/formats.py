@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import firmware_proto
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.session import Session
-from arva_hil.mavlink.codec import Parser, dialect, tunnel
+from arva_hil.mavlink.codec import Parser, decode, dialect, tunnel, untunnel
 from arva_hil.model.receiver import ChannelReading, Reading
 from arva_hil.registry import FORMATS, over_mavlink
 from firmware_proto import Channel, Format, Frame, FrameDecoder, HostForm
@@ -155,7 +155,7 @@ class MavlinkDecoder(FrameDecoder):
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
         for packet in self._parser.feed(chunk):
-            if packet.msgid == self._msgid and (message := self._parser.decode(packet)) is not None:
+            if packet.msgid == self._msgid and (message := decode(packet)) is not None:
                 self._read(message, now)
         if self._values and now - self._since >= _SILENCE_S:
             self._end_named()
@@ -165,7 +165,7 @@ class MavlinkDecoder(FrameDecoder):
 
     def _on_tunnel(self, message: Any, now: float) -> None:
         if message.payload_type == TUNNEL_TYPE:
-            for frame in self._binary.feed(bytes(message.payload[: message.payload_length]), now):
+            for frame in self._binary.feed(untunnel(message), now):
                 self._count(frame.sequence)
                 self._frames.append(frame)
 

@@ -95,7 +95,7 @@ class ReportWithError:
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
         """The true state at `t` in the NED frame `frame`; `reported`: what the vehicle reports for that instant."""
-        later = self._session.state_at(t + self._latency_s, frame) if self._latency_s else reported
+        later = self._session.navigation.state_at(t + self._latency_s, frame) if self._latency_s else reported
         if later is None or reported is None:
             return None
         position, attitude = self._error.true_pose(t - self._start, later.position, later.attitude)
@@ -103,7 +103,7 @@ class ReportWithError:
 
     def known_at(self, t: float) -> bool:
         """Return True if no later message can change the state at `t`."""
-        return self._session.track.is_known(self._session.clock.boot(t + self._latency_s))
+        return self._session.navigation.is_known(t + self._latency_s)
 
 
 class SimulatorTruth:

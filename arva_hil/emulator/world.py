@@ -85,7 +85,7 @@ class VehicleWorld:
     def is_known(self, t: float) -> bool:
         """Return True if no later message can change the snapshot at `t`."""
         navigation = self._session.navigation
-        known = self._truth.known_at(t) if self._truth else navigation.track.is_known(navigation.clock.boot(t))
+        known = self._truth.known_at(t) if self._truth else navigation.is_known(t)
         return known and all(system.is_known(t) for system in self._followed.values())
 
     def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:

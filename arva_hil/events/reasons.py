@@ -147,6 +147,9 @@ class HeardSource(NamedTuple):
     times: int
 
 
+NoVehicleReason = Literal["link lost", "silence", "no packets", "no signature", "other vehicles", "no heartbeat"]
+
+
 @dataclass(frozen=True)
 class NoVehicle:
     """Why there is no vehicle. `link_error`: of a lost link. `refused`: packets by the verdict on their signature.
@@ -154,7 +157,7 @@ class NoVehicle:
     "other vehicles": there are autopilots with other ids than those asked for.
     """
 
-    reason: Literal["link lost", "silence", "no packets", "no signature", "other vehicles", "no heartbeat"]
+    reason: NoVehicleReason
     link_error: str = ""
     bytes: int = 0
     packets: int = 0

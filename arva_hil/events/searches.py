@@ -10,6 +10,12 @@ from arva_hil.events import Event
 from arva_hil.events.reasons import Reason
 from firmware_proto import Frame
 
+AutopilotKind = Literal["ardupilot", "px4"]
+Doubt = Literal["set-points too rare", "flies on", "sticks ignored"]
+HeightOrigin = Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
+Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
+PauseReason = Literal["no frame", "same readings"]
+
 
 class FromSearch(Event):
     """An event of a search that runs in one program with an emulator or with other searches.
@@ -28,7 +34,7 @@ class SearchEvent(Event):
 class WaitingFor(SearchEvent):
     """The search waits for `what` before it launches the vehicle."""
 
-    what: Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
+    what: Lacking
 
 
 class FailsafesKnown(SearchEvent):
@@ -38,7 +44,7 @@ class FailsafesKnown(SearchEvent):
     control that works.
     """
 
-    autopilot: Literal["ardupilot", "px4"]
+    autopilot: AutopilotKind
     parameters: Sequence[tuple[str, float]]
     remote: bool = False
 
@@ -48,7 +54,7 @@ class ParameterDoubted(SearchEvent):
 
     parameter: str
     value: float | None
-    doubt: Literal["set-points too rare", "flies on", "sticks ignored"]
+    doubt: Doubt
 
 
 class FenceInArea(SearchEvent):
@@ -176,7 +182,7 @@ class StrategySlow(SearchEvent):
 class SearchPaused(SearchEvent):
     """The vehicle hovers: no frame came for `limit_s`, or the readings did not change over `moved_m` of flight."""
 
-    reason: Literal["no frame", "same readings"]
+    reason: PauseReason
     limit_s: float
     moved_m: float
 
@@ -184,7 +190,7 @@ class SearchPaused(SearchEvent):
 class SearchResumed(SearchEvent):
     """The search goes on. `reason`: why the vehicle hovered."""
 
-    reason: Literal["no frame", "same readings"]
+    reason: PauseReason
 
 
 class ReceiverGone(SearchEvent):
@@ -372,5 +378,5 @@ class HeightSource(SearchEvent):
       "estimate".
     """
 
-    source: Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
+    source: HeightOrigin
     margin_m: float = 0.0

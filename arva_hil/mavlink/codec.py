@@ -12,12 +12,12 @@ from typing import Final
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from arva_hil.mavlink.dialect import CRC_EXTRA, Message, command, decode, layout_of, length_v1, tunnel
+from arva_hil.mavlink.dialect import CRC_EXTRA, Message, command, decode, layout_of, length_v1, tunnel, untunnel
 from arva_hil.mavlink.packet import Packet
 from arva_hil.mavlink.packet_reader import Parser
 from arva_hil.mavlink.signing import Signing
 
-__all__ = ["RESULTS", "Encoder", "Message", "Packet", "Parser", "command", "decode", "dialect", "tunnel"]
+__all__ = ["RESULTS", "Encoder", "Message", "Packet", "Parser", "command", "decode", "dialect", "tunnel", "untunnel"]
 
 _COVERED_V2: Final = struct.Struct("<BBBBBBHB")  # without magic: length, two flags, sequence number, ids, message id
 _U16: Final = struct.Struct("<H")

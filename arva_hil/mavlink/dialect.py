@@ -82,6 +82,11 @@ def tunnel(kind: int, payload: bytes, system: int = 0, component: int = 0) -> An
     return ardupilotmega.MAVLink_tunnel_message(system, component, kind, len(payload), [*payload.ljust(128, b"\0")])
 
 
+def untunnel(message: Any) -> bytes:
+    """Return the payload of a TUNNEL."""
+    return bytes(message.payload[: message.payload_length])
+
+
 @functools.cache
 def length_v1(msgid: int) -> int:
     """Bytes of a message's payload without extension fields, which are not part of its CRC_EXTRA.

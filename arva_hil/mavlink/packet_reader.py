@@ -13,7 +13,7 @@ from typing import Final
 
 from fastcrc import crc16
 
-from arva_hil.mavlink.dialect import CRC_EXTRA, decode, length_v1
+from arva_hil.mavlink.dialect import CRC_EXTRA, length_v1
 from arva_hil.mavlink.packet import Packet
 from arva_hil.mavlink.signing import Signing
 
@@ -97,8 +97,6 @@ class Parser:
             self._keep(data[at:], sender)
         self.packets += len(packets)
         return packets
-
-    decode = staticmethod(decode)
 
     def cut(self) -> None:
         """The stream is interrupted: incomplete packets will never be completed."""

@@ -14,6 +14,7 @@ from arva_hil.events import Event, searches
 from arva_hil.links import Link
 from arva_hil.mavlink.codec import Encoder, Message, dialect
 from arva_hil.model.field import LocalFrame
+from arva_hil.search.strategies.strategy import sigma_of
 from firmware_proto import Channel, Frame
 
 _EVERY_S: Final = 1.0
@@ -75,9 +76,9 @@ class GroundStation:
             self._frame = event.frame
         elif isinstance(event, searches.BeliefChanged) and event.hypotheses and not (self._place and self._place.found):
             north, east, _ = max(event.hypotheses, key=lambda one: one[2])
-            self._place = _ShownPlace(event.transmitter, north, east, _sigma(event.covariance), False)
+            self._place = _ShownPlace(event.transmitter, north, east, sigma_of(event.covariance), False)
         elif isinstance(event, searches.PlaceFound):
-            sigma = _sigma(event.covariance)
+            sigma = sigma_of(event.covariance)
             self._place = _ShownPlace(event.transmitter, event.north_m, event.east_m, sigma, True)
             self._due_s = -math.inf  # at once
         elif isinstance(event, searches.TransmitterChosen) and self._place and self._place.found:
@@ -136,11 +137,3 @@ _HEARTBEAT: Final = dialect.MAVLink_heartbeat_message(
 def _nearest(frame: Frame, transmitter: int | None) -> Channel:
     """The channel of the transmitter searched for, else the first one."""
     return next((c for c in frame.channels if c.valid and c.id == transmitter), frame.channels[0])
-
-
-def _sigma(covariance: tuple[float, float, float] | None) -> float | None:
-    """The largest standard deviation in any direction, m."""
-    if covariance is None:
-        return None
-    nn, ne, ee = covariance
-    return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))

@@ -28,12 +28,12 @@ from arva_hil.search.mission.victims import Victim
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.team.team import Bus
 from arva_hil.search.team.team_field import TeamField
+from arva_hil.simulated import HOME
 from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
-HOME = (46.0123, 7.7456, 1650.0)  # degrees, degrees, metres AMSL
 APART_M = 5.0  # between the vehicles of a team at the start, from west to east
 
 Ends = tuple[Link, Link]  # of one link

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.model.field.arrays import vector
 from arva_hil.simulated import arducopter
@@ -99,7 +99,7 @@ class SimulatedVehicle:
             if self._signing and self._signing.judge(packet):
                 continue
             self._heard = True
-            if (handler := _HANDLERS.get(packet.msgid)) is None or (message := parser.decode(packet)) is None:
+            if (handler := _HANDLERS.get(packet.msgid)) is None or (message := decode(packet)) is None:
                 continue
             system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
             ours = system in (0, self.system) and component in (0, _COMPONENT)

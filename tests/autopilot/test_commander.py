@@ -16,7 +16,7 @@ from arva_hil.autopilot.commanding.commander import Commander
 from arva_hil.autopilot.commanding.state import Phase
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.events.words.reasons import in_words
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.every import every
@@ -75,7 +75,7 @@ class Flight:
         self.commander.sent(self.now)
         for packet in self._parser.feed(told):
             assert (packet.system, packet.component) == (1, US)
-            self.sent.append((self.now, self._parser.decode(packet)))
+            self.sent.append((self.now, decode(packet)))
         if not self.deaf:
             self.vehicle.feed(told, self.now)
 
@@ -267,7 +267,7 @@ class Told:
         while True:
             if not self.silent:
                 self.beat(**self._state)
-            said += [self._parser.decode(packet) for packet in self._parser.feed(self.commander.poll(self.now))]
+            said += [decode(packet) for packet in self._parser.feed(self.commander.poll(self.now))]
             self.commander.sent(self.now)
             if self.now >= end - 1e-9:
                 return said

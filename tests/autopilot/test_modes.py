@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4, modes_of
-from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, command, decode, dialect
 from tests.every import every
 
 QUADROTOR = dialect.MAV_TYPE_QUADROTOR
@@ -81,7 +81,7 @@ def test_a_take_off_is_above_home_for_arducopter_and_above_the_sea_and_higher_fo
     encoder, parser = Encoder(7, 193), Parser()
     for modes, level in ((ARDUCOPTER, height), (PX4, ground + height + 2.5)):
         (packet,) = parser.feed(encoder.pack(modes.to_take_off(vehicle(), height, ground)))
-        message = parser.decode(packet)
+        message = decode(packet)
         assert message is not None
         assert message.param7 == pytest.approx(level, abs=1e-3)
         place = message.param4, message.param5, message.param6

@@ -29,7 +29,7 @@ from arva_hil.events.vehicles import (
 )
 from arva_hil.events.words.reasons import no_pose, no_vehicle
 from arva_hil.links.tlog import TlogReader
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.model.field import LocalFrame
 from tests.every import every
 from tests.kept_events import KeepingSession
@@ -101,7 +101,7 @@ def knowledge(session: KeepingSession, now: float) -> str:
         session.navigation.reboots,
     )
     counts = session.navigation.refused, session.navigation.unpositioned, session.rates(now), session.clock.boot(now)
-    return repr((known, counts, session.state_at(now, FRAME)))
+    return repr((known, counts, session.navigation.state_at(now, FRAME)))
 
 
 def packets(data: bytes) -> list[Packet]:
@@ -178,7 +178,7 @@ def test_the_chosen_one_is_obeyed() -> None:
     assert session.vehicle is not None
     assert session.vehicle.armed
     assert session.home == HOME
-    state = session.state_at(100.0, FRAME)
+    state = session.navigation.state_at(100.0, FRAME)
     assert state is not None
     assert state.boot_s == pytest.approx(10.0)
     np.testing.assert_allclose(state.position, 0, atol=0.01)
@@ -275,9 +275,9 @@ ODD = {
 @every("message", ODD.values())
 def test_values_that_are_no_pose_are_refused_and_counted(message: Any) -> None:
     session = following()
-    before = session.state_at(101.0, FRAME)
+    before = session.navigation.state_at(101.0, FRAME)
     tell(session, message, 101.0)
-    after = session.state_at(101.0, FRAME)
+    after = session.navigation.state_at(101.0, FRAME)
     assert session.navigation.refused == 1
     assert repr(after) == repr(before)
     assert session.home == HOME
@@ -288,7 +288,7 @@ def test_zero_latitude_and_longitude_are_no_position() -> None:
     for message in (heartbeat(), attitude(10.0), position(10.0, 0.0, 0.0, 0.0)):
         tell(session, message, 100.0)
     assert session.track.first_position is None
-    assert session.state_at(100.0, FRAME) is None
+    assert session.navigation.state_at(100.0, FRAME) is None
     assert (session.navigation.unpositioned, session.navigation.refused) == (1, 0)
 
 
@@ -335,7 +335,7 @@ def test_no_values_of_the_vehicle_make_it_raise(said: list[tuple[int, bytes]]) -
         crc = x25crc(head + payload + bytes([dialect.mavlink_map[msgid].crc_extra])).crc
         assert len(session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), now).accepted) == 1
         session.poll(now)
-        state = session.state_at(now, FRAME)
+        state = session.navigation.state_at(now, FRAME)
         assert state is None or (np.isfinite(state.position).all() and np.isfinite(state.attitude).all())
 
 
@@ -352,7 +352,7 @@ def test_time_that_goes_back_for_good_is_a_reboot(message: Any, back: float, reb
     if rebooted:
         assert session.home is None
         assert session.track.newest is None
-        assert session.state_at(100.62, FRAME) is None
+        assert session.navigation.state_at(100.62, FRAME) is None
         assert session.clock.boot(100.62) == pytest.approx(10.005 - back)
         assert list(map(type, session.take_events())) == [VehicleRebooted]
     else:
@@ -374,10 +374,10 @@ def test_a_reboot_is_reckoned_from_the_newest_time_heard() -> None:
 @pytest.mark.parametrize("stray", [0.0, 3.0, 9.4, 25.0, 1000.0, 4294967.0])
 def test_one_time_out_of_line_changes_nothing_and_is_counted(stray: float) -> None:
     session = following(100.0)
-    before = session.state_at(100.02, FRAME)
+    before = session.navigation.state_at(100.02, FRAME)
     for message in (attitude, position, attitude):
         tell(session, message(stray), 100.02)
-        assert repr(session.state_at(100.02, FRAME)) == repr(before)
+        assert repr(session.navigation.state_at(100.02, FRAME)) == repr(before)
         tell(session, attitude(10.0), 100.02)
     assert session.navigation.times.strays == 3
     assert session.navigation.reboots == 0
@@ -393,7 +393,7 @@ def test_a_time_that_leaps_ahead_for_good_is_no_reboot(ahead: float) -> None:
         now = 0.02 * i
         tell(session, attitude(10.0 + ahead + now), 100.0 + now)
         tell(session, position(10.0 + ahead + now, *far), 100.0 + now)
-        state = session.state_at(100.0 + now, FRAME)
+        state = session.navigation.state_at(100.0 + now, FRAME)
         assert state is not None
         assert abs(state.position[0] - (1111.9 if now >= 0.5 else now)) < 2
     assert session.home == HOME
@@ -423,7 +423,7 @@ def test_after_a_reboot_there_is_a_pose_again() -> None:
     session = following(100.0)
     for message in (attitude(0.28), position(0.3), attitude(0.3), home(46.6)):
         tell(session, message, 101.0)
-    state = session.state_at(101.1, FRAME)
+    state = session.navigation.state_at(101.1, FRAME)
     assert state is not None
     assert state.boot_s == pytest.approx(0.4)
     assert session.home == (46.6, HOME[1], HOME[2])
@@ -436,7 +436,7 @@ NEAR, FAR = (HOME[0] + 0.0005, *HOME[1:]), (HOME[0] + 0.05, *HOME[1:])  # 56 m, 
 
 
 def northing(session: KeepingSession, now: float) -> float:
-    state = session.state_at(now, FRAME)
+    state = session.navigation.state_at(now, FRAME)
     assert state is not None
     return float(state.position[0])
 
@@ -480,7 +480,7 @@ def test_between_the_two_sides_of_a_jump_there_is_no_pose() -> None:
         now = 0.02 * i
         tell(session, attitude(10.0 + now), 100.0 + now)
         tell(session, position(10.0 + now, *FAR), 100.0 + now)
-    norths = [session.state_at(99.9 + 0.005 * i, FRAME) for i in range(160)]
+    norths = [session.navigation.state_at(99.9 + 0.005 * i, FRAME) for i in range(160)]
     assert all(state is None or state.position[0] > 5500 for state in norths)
     assert norths[-1] is not None
 
@@ -521,7 +521,7 @@ def test_it_is_an_onboard_computer_of_the_vehicle() -> None:
     session = following(source=(42, 1))
     (beat,) = beats(session.poll(100.0)[0])
     assert (beat.system, beat.component, beat.version) == (42, 191, 2)
-    message = session.parser.decode(beat)
+    message = decode(beat)
     assert message is not None
     assert (message.type, message.autopilot) == (COMPANION, NONE)
     assert {(p.system, p.component) for p in packets(session.poll(101.0)[0])} == {(42, 191)}
@@ -805,7 +805,7 @@ def test_its_poses_are_fresh_while_it_plays(flight: Path) -> None:
     oldest = {"arducopter": 0.55, "px4": 0.2}[flight.stem]
     ages = []
     for record in TlogReader(flight):
-        state = session.state_at(record.time_s, frame)
+        state = session.navigation.state_at(record.time_s, frame)
         if state is not None:
             ages.append(state.age_s)
         session.feed(record.raw, record.time_s)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.autopilot.commanding.complaints import Complaints, unwell
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 
 WORDS = st.text("abc :_-", min_size=1, max_size=170).filter(lambda text: text == text.strip())
 
@@ -29,7 +29,7 @@ def chunks(text: str, id_: int) -> list[Any]:
         dialect.MAVLink_statustext_message(4, raw[at : at + 50], id_, seq)
         for seq, at in enumerate(range(0, len(raw) + 1, 50))
     ]
-    return [parser.decode(packet) for message in messages for packet in parser.feed(encoder.pack(message))]
+    return [decode(packet) for message in messages for packet in parser.feed(encoder.pack(message))]
 
 
 @given(st.lists(WORDS, min_size=1, max_size=4, unique=True), st.randoms())

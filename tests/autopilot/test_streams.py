@@ -17,7 +17,7 @@ from arva_hil.events.vehicles import (
     VehicleFound,
     VehicleRebooted,
 )
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.kept_events import KeepingSession
 
@@ -56,7 +56,7 @@ class Fake:
 
     def feed(self, chunk: bytes, now: float) -> None:
         for packet in self._parser.feed(chunk):
-            message = self._parser.decode(packet)
+            message = decode(packet)
             if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 results = self._answer(message)
                 to = self._addressee or (packet.system, packet.component)
@@ -106,7 +106,7 @@ class Bench:
             self.vehicle.feed(said, self.now)
             for packet in self._parser.feed(said):
                 if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                    self.requests.append((self.now, self._parser.decode(packet)))
+                    self.requests.append((self.now, decode(packet)))
             self.events += self.session.take_events()
             self.now += 0.01
         return self

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 from arva_hil.clock import Clock, RealClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
@@ -261,7 +261,7 @@ class Denier:
         now = clock.now()
         for packet in self._parser.feed(self._link.read()):
             if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
-                message = self._parser.decode(packet)
+                message = decode(packet)
                 assert message is not None
                 ack = dialect.MAVLink_command_ack_message(message.command, self._result)
                 self._link.write(self._encoder.pack(ack))

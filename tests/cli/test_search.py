@@ -14,7 +14,7 @@ import pytest
 
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.autopilot import Mode
 from firmware_proto import encode_nmea
 from tests.free_ports import free_port
@@ -34,7 +34,7 @@ def _no_countdown(monkeypatch: pytest.MonkeyPatch) -> None:
 def orders(autopilot: Autopilot) -> list[int]:
     """The commands it was sent that have an influence on a flight."""
     parser = Parser()
-    messages = [parser.decode(packet) for packet in parser.feed(bytes(autopilot.heard))]
+    messages = [decode(packet) for packet in parser.feed(bytes(autopilot.heard))]
     commands = [m.command for m in messages if m is not None and m.get_type() == "COMMAND_LONG"]
     return [c for c in commands if c in (ARM, SET_MODE, dialect.MAV_CMD_NAV_TAKEOFF, dialect.MAV_CMD_NAV_LAND)]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.mavlink.codec import Parser, dialect
+from arva_hil.mavlink.codec import Parser, decode, dialect
 
 from .far_ends import Autopilot, Beacon, Keep, Start
 from .test_search import orders
@@ -25,7 +25,7 @@ QUESTIONS = {
 def nothing_moves(autopilot: Autopilot) -> None:
     """Of all bytes that were sent to it, none moves it."""
     parser = Parser()
-    messages: list[Any] = [parser.decode(packet) for packet in parser.feed(bytes(autopilot.heard))]
+    messages: list[Any] = [decode(packet) for packet in parser.feed(bytes(autopilot.heard))]
     assert messages
     assert {m.get_type() for m in messages} <= {"HEARTBEAT", "COMMAND_LONG", "PARAM_REQUEST_READ"}
     assert {m.command for m in messages if m.get_type() == "COMMAND_LONG"} <= QUESTIONS

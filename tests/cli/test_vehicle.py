@@ -13,7 +13,7 @@ from arva_hil.clock import RealClock
 from arva_hil.links import Link
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.udp import UdpInLink
-from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, command, decode, dialect
 from arva_hil.simulated.arducopter import FAILSAFES
 from tests.free_ports import free_port
 
@@ -46,7 +46,7 @@ class GroundStation:
             assert self._clock.now() < DEADLINE_S, f"no {kind} of system {system}"
             self._clock.wait(self._clock.now() + 0.05, [self.link])
             for packet in self._parser.feed(self.link.read()):
-                if (message := self._parser.decode(packet)) is not None:
+                if (message := decode(packet)) is not None:
                     self._heard.append((packet.system, message))
 
 

@@ -12,7 +12,7 @@ import pytest
 import firmware_proto
 from arva_hil.autopilot.following.session import Session
 from arva_hil.emulator.formats import MavlinkDecoder, encoder, named_values
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame
 from tests.every import every
@@ -48,7 +48,7 @@ def test_a_frame_goes_out_as_these_messages_and_is_read_back(format: str, value:
     frame = as_frame(value)
     raw = encoder(format, session)(frame, 5)
     parser = Parser()
-    messages = [parser.decode(packet) for packet in parser.feed(raw)]
+    messages = [decode(packet) for packet in parser.feed(raw)]
     assert {message.get_type() for message in messages} == {MESSAGES[format]}
     assert [[message.name, message.value] for message in messages] == value["named"]
     decoder = MavlinkDecoder(format)

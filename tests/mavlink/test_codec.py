@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
 
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.mavlink.dialect import constructor
 from tests.every import every
 
@@ -158,7 +158,7 @@ def test_every_byte_is_in_a_packet_or_skipped_or_waiting(parts: list[bytes], at:
 def test_no_bytes_make_it_raise(chunks: list[bytes]) -> None:
     found, parser = parse(*chunks)
     for p in found:
-        parser.decode(p)
+        decode(p)
     parser.feed(bytes(LONGEST))
     assert parser.feed(good())[-1].raw == good()
 
@@ -209,9 +209,9 @@ def test_bytes_lost_behind_the_header_cost_one_packet(start: int, lost: int) -> 
 @pytest.mark.parametrize(("msgid", "version"), [(UNKNOWN, 2), (UNKNOWN_V1, 1), (UNKNOWN_V1, 2)])
 def test_an_unknown_message_is_a_packet_when_another_follows_or_nothing(msgid: int, version: int) -> None:
     unknown = packet(msgid, b"hello", version)
-    found, parser = parse(unknown + good() + unknown)
+    found, _ = parse(unknown + good() + unknown)
     assert [(p.raw, p.known) for p in found] == [(unknown, False), (good(), True), (unknown, False)]
-    assert parser.decode(found[0]) is None
+    assert decode(found[0]) is None
 
 
 def test_an_unknown_message_with_garbage_behind_it_is_garbage() -> None:
@@ -304,8 +304,8 @@ def test_unknown_messages_without_a_packet_inside_are_given_out_however_long() -
 
 
 def decoded(raw: bytes) -> dict[str, Any]:
-    (found,), parser = parse(raw)
-    message = parser.decode(found)
+    (found,), _ = parse(raw)
+    message = decode(found)
     assert message is not None
     return dict(message.to_dict())
 
@@ -338,9 +338,9 @@ BASE = {name: V1_LENGTHS[getattr(dialect, f"MAVLINK_MSG_ID_{name}")] for name in
 def test_mavlink_1_has_no_extension_fields_and_nothing_is_missing(msgid: int) -> None:
     whole, short = (packet(msgid, bytes([1]) * n, 1) for n in (V1_LENGTHS[msgid], V1_LENGTHS[msgid] - 1))
     (found, cut), parser = parse(whole + short)
-    message = parser.decode(found)
+    message = decode(found)
     assert message is not None
-    assert parser.decode(cut) is None
+    assert decode(cut) is None
     assert parser.malformed == 1
     sent = Encoder(1, 1, version=1).pack(message)
     assert sent[6:-2] == whole[6:-2]
@@ -369,8 +369,8 @@ def test_every_message_there_is_is_read_as_pymavlink_does(msgid: int) -> None:
 
 @given(st.sampled_from(KNOWN), st.binary(max_size=255))
 def test_no_payload_makes_reading_raise(msgid: int, payload: bytes) -> None:
-    (found,), parser = parse(packet(msgid, payload))
-    parser.decode(found)
+    (found,), _ = parse(packet(msgid, payload))
+    decode(found)
 
 
 def test_zeros_cut_off_the_end_are_read_as_zeros() -> None:
@@ -396,9 +396,9 @@ MESSAGES = st.one_of(
 
 @given(MESSAGES, u8, u8, st.sampled_from([1, 2]))
 def test_what_is_packed_is_read_back(message: Any, system: int, component: int, version: int) -> None:
-    (found,), parser = parse(Encoder(system, component, version).pack(message))
+    (found,), _ = parse(Encoder(system, component, version).pack(message))
     assert (found.version, found.system, found.component) == (version, system, component)
-    assert parser.decode(found).to_dict() == message.to_dict()
+    assert decode(found).to_dict() == message.to_dict()
 
 
 @every("msgid", KNOWN)
@@ -407,8 +407,8 @@ def test_every_message_there_is_is_written_as_pymavlink_does(msgid: int) -> None
     size = dialect.mavlink_map[msgid].unpacker.size
     theirs, ours = dialect.MAVLink(None, 42, 191), Encoder(42, 191)
     for said in (size, size // 2, 0):
-        (found,), parser = parse(packet(msgid, bytes((7 * i + 1) % 120 for i in range(said)).ljust(size, b"\0")))
-        message = parser.decode(found)
+        (found,), _ = parse(packet(msgid, bytes((7 * i + 1) % 120 for i in range(said)).ljust(size, b"\0")))
+        message = decode(found)
         assert ours.pack(message) == message.pack(theirs)
         theirs.seq += 1
 
@@ -417,8 +417,8 @@ def test_every_message_there_is_is_written_as_pymavlink_does(msgid: int) -> None
 def test_a_message_made_of_its_fields_is_pymavlinks(msgid: int) -> None:
     """With all of them, and with those alone that have no default."""
     kind = dialect.mavlink_map[msgid]
-    (found,), parser = parse(packet(msgid, bytes((7 * i + 1) % 120 for i in range(kind.unpacker.size))))
-    message = parser.decode(found)
+    (found,), _ = parse(packet(msgid, bytes((7 * i + 1) % 120 for i in range(kind.unpacker.size))))
+    message = decode(found)
     fields = [getattr(message, name) for name in kind.fieldnames]
     for told in (fields, fields[: len(fields) - len(kind.__init__.__defaults__ or ())]):
         ours, theirs = constructor(msgid)(*told), kind(*told)

@@ -18,7 +18,8 @@ from arva_hil.observers.ground_station import GroundStation
 from arva_hil.runtime.loop import run
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.simulated.closed_loop import HOME, ClosedLoop, in_memory
+from arva_hil.simulated import HOME
+from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from firmware_proto import MID, Channel, Frame
 
 FRAME = Frame(1, 1, (Channel(9, MID, 4500, -40), Channel(4, MID, 2000, 10)))

@@ -18,14 +18,14 @@ from arva_hil.links.base import Sender
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.links.serial_ports import Barred
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.runtime.loop import run
+from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Decoder, Frame
 from tests.one_receiver import Diary, OneReceiver
 
-HOME = (46.0123, 7.7456, 1650.0)
 SCENARIO = parse("receiver: {noise: {kind: off}, rate_hz: 20}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]", "test")
 SET_INTERVAL, REQUEST_MESSAGE = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE
 
@@ -82,7 +82,7 @@ class Bench:
     def service(self, clock: Clock) -> float:
         now = clock.now()
         chunk = self.autopilot.read()
-        self.heard += [(now, self._parser.decode(packet)) for packet in self._parser.feed(chunk)]
+        self.heard += [(now, decode(packet)) for packet in self._parser.feed(chunk)]
         self.vehicle.feed(chunk, now)
         if (said := self.vehicle.poll(now)) and self.autopilot.far:
             self.autopilot.far.write(said)

@@ -19,7 +19,7 @@ from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.runtime.loop import run
@@ -27,13 +27,13 @@ from arva_hil.search.flight.client import SearchClient
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
+from arva_hil.simulated import HOME
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import INNER, MID, Channel, Decoder, Frame, encode
 from tests.simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 
-HOME = (46.0123, 7.7456, 1650.0)
 VICTIM = (8.0, 3.0)  # north, east of home
 US = 193
 GUIDED_ALONE = "it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until the pilot takes control"
@@ -130,7 +130,7 @@ class World:
             data = read()
             for packet in parser.feed(data):
                 assert (packet.system, packet.component) == (1, US)
-                self.told.append((self.clock.now(), parser.decode(packet)))
+                self.told.append((self.clock.now(), decode(packet)))
             return data
 
         self.far.read = tapped  # type: ignore[method-assign]
@@ -416,7 +416,7 @@ def test_what_is_no_multirotor_is_not_armed() -> None:
     def winged(data: bytes) -> bytes:
         out = b""
         for packet in parser.feed(data):
-            message: Any = parser.decode(packet)
+            message: Any = decode(packet)
             if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 message.type = dialect.MAV_TYPE_FIXED_WING
             out += encoder.pack(message)
@@ -744,7 +744,7 @@ def test_a_place_that_jumps_away_ends_the_search() -> None:
     def jumped(data: bytes) -> bytes:
         out = b""
         for packet in parser.feed(data):
-            message: Any = parser.decode(packet)
+            message: Any = decode(packet)
             if packet.msgid == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
                 message.lat += 50_000  # 556 m
                 out += encoder.pack(message)

@@ -12,7 +12,7 @@ import pytest
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import ConsentNeeded, CountDown, DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.events.words.reasons import in_words
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.search.flight.permission import Permission
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.search.test_client import BOTH, VICTIM, Broken, World, ardupilot
@@ -125,7 +125,7 @@ def test_a_vehicle_that_cannot_be_flown_so_is_refused_as_in_earnest() -> None:
     parser, encoder = Parser(), Encoder(1, 1)
 
     def winged(data: bytes) -> bytes:
-        messages: list[Any] = [parser.decode(packet) for packet in parser.feed(data)]
+        messages: list[Any] = [decode(packet) for packet in parser.feed(data)]
         for message in messages:
             if message.get_type() == "HEARTBEAT":
                 message.type = dialect.MAV_TYPE_FIXED_WING

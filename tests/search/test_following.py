@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from firmware_proto import Channel, Frame, encode
 from tests.search.test_client import BOTH, World, px4
 
@@ -28,7 +28,7 @@ def uplink(world: World, change: Change) -> None:
             if packet.msgid != SET_POINT:
                 feed(packet.raw, now, link)
                 continue
-            message: Any = parser.decode(packet)
+            message: Any = decode(packet)
             if change(world, message):
                 feed(encoder.pack(message), now, link)
 

@@ -14,7 +14,7 @@ import pytest
 
 from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.clock import Clock
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -44,7 +44,7 @@ def modes_said(world: World) -> list[tuple[float, int]]:
 
     def listening(data: bytes) -> bytes:
         for packet in parser.feed(data):
-            message: Any = parser.decode(packet)
+            message: Any = decode(packet)
             if packet.msgid in (dialect.MAVLINK_MSG_ID_HEARTBEAT, 436):
                 said.append((world.clock.now(), message.custom_mode))
         return pass_on(data)
@@ -500,7 +500,7 @@ def test_another_drone_with_the_same_ids_is_not_flown(silence_s: float, north_m:
     world.pass_s(5)
     told = Parser().feed(b"".join(change.told))
     orders = [p for p in told if p.msgid in (84, 76)]
-    assert [p for p in orders if p.msgid == 76 and Parser().decode(p).command in (SET_MODE, NAV_LAND)] == []  # type: ignore[union-attr]
+    assert [p for p in orders if p.msgid == 76 and decode(p).command in (SET_MODE, NAV_LAND)] == []  # type: ignore[union-attr]
     assert math.dist(before[:2], other.truth(world.clock.now()).ned[:2]) < 0.1
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, command, decode, dialect
 from arva_hil.simulated.autopilot import Mode
 from tests.search.test_client import BOTH, World, ardupilot, px4
 from tests.simulated_px4 import HOLD, POSITION, Px4
@@ -156,7 +156,7 @@ def test_a_vehicle_that_does_not_come_is_left_to_whoever_has_it(make: Callable[.
     def deaf(chunk: bytes, now: float, link: int = 0) -> None:
         """It carries out no order for another mode."""
         for packet in parser.feed(chunk):
-            if getattr(parser.decode(packet), "command", None) != dialect.MAV_CMD_DO_SET_MODE:
+            if getattr(decode(packet), "command", None) != dialect.MAV_CMD_DO_SET_MODE:
                 feed(packet.raw, now)
 
     vehicle.feed = deaf

@@ -15,7 +15,7 @@ from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.searches import TransmitterLeft
 from arva_hil.events.words.reasons import in_words
-from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, command, decode, dialect
 from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
@@ -482,7 +482,7 @@ class Field:
         def tapped() -> bytes:
             data = read()
             for packet in parser.feed(data):
-                if (message := parser.decode(packet)) is not None and hasattr(message, "target_system"):
+                if (message := decode(packet)) is not None and hasattr(message, "target_system"):
                     self.orders[drone.name].append((self.clock.now(), message))
             return data
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import StepClock
 from arva_hil.links import memory
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect, untunnel
 from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.search.flight.client import COMPONENT, SearchClient
@@ -21,10 +21,10 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_field import TeamField
 from arva_hil.search.team.team_news import HeardAt, News
-from arva_hil.search.team.team_tunnel import TEAM_TYPE, TeamTunnel, decode, encode
+from arva_hil.search.team.team_tunnel import TEAM_TYPE, TeamTunnel, encode, parse
+from arva_hil.simulated import HOME
 from firmware_proto import Decoder
 
-HOME = (46.0123, 7.7456, 1650.0)
 SYSTEMS = (11, 12, 13)
 HEARD = (HeardAt(3, 12.34, 46.0124, 7.7455), HeardAt(0, 64.0, 46.0121, 7.7459))
 NEWS = News(1, 5.0, (46.0123, 7.7456, 1650.25), True, 7, (0, 9, 254), 2, (0, 1), 21.5, False, HEARD, True)
@@ -49,7 +49,7 @@ def test_news_are_read_as_they_were_told_on_the_own_clock() -> None:
     least = News(2, 0.0, (-90.0, 180.0, -10.0), False)
     assert TeamTunnel(SYSTEMS, COMPONENT).on_packet(packet(sent(least), 13), 1.0) == replace(least, time_s=1.0)
     free = replace(NEWS, part=None, hunting=None, hunting_m=math.inf, free=True)
-    assert decode(encode(free), 3) == free
+    assert parse(encode(free), 3) == free
     assert len(encode(replace(NEWS, found=tuple(range(40)), heard=HEARD * 20))) <= 128
 
 
@@ -57,9 +57,7 @@ def test_only_the_newest_news_wait_to_be_sent() -> None:
     tunnel = TeamTunnel(SYSTEMS, COMPONENT)
     for second in range(5):
         tunnel.send(replace(NEWS, time_s=float(second)))
-    assert [decode(bytes(message.payload[: message.payload_length]), 3) for message in tunnel.poll()] == [
-        replace(NEWS, time_s=4.0)
-    ]
+    assert [parse(untunnel(message), 3) for message in tunnel.poll()] == [replace(NEWS, time_s=4.0)]
 
 
 @pytest.mark.parametrize(
@@ -84,13 +82,13 @@ def test_all_else_changes_nothing(system: int, component: int, changes: dict[str
 
 @pytest.mark.parametrize("version", [0, 1, 255])
 def test_another_version_is_not_guessed_at(version: int) -> None:
-    assert decode(bytes([version]) + encode(NEWS)[1:], 3) is None
+    assert parse(bytes([version]) + encode(NEWS)[1:], 3) is None
 
 
 @given(st.binary(max_size=128), st.integers(1, 64))
 def test_any_payload_is_news_of_a_member_or_nothing(payload: bytes, members: int) -> None:
     for data in (payload, b"\x02" + payload):
-        if news := decode(data, members):
+        if news := parse(data, members):
             assert news.number < members
             assert news.part is None or news.part < members
             assert set(news.flown) <= set(range(members))

@@ -22,7 +22,8 @@ from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Belief
-from arva_hil.simulated.closed_loop import HOME, ClosedLoop
+from arva_hil.simulated import HOME
+from arva_hil.simulated.closed_loop import ClosedLoop
 from firmware_proto import Channel, Frame
 from tests.search.world import PAPER, fly
 

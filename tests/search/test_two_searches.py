@@ -11,7 +11,7 @@ import pytest
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import Link, memory
-from arva_hil.mavlink.codec import Parser, dialect
+from arva_hil.mavlink.codec import Parser, decode, dialect
 from arva_hil.search.flight.claim import CLAIM_TYPE, Claim, encode, parse
 from arva_hil.search.flight.client import SearchClient
 from arva_hil.search.strategies.plan import SearchPlan
@@ -58,7 +58,7 @@ class Pair(World):
 
         def tapped(data: bytes) -> bool:
             for packet in parser.feed(data):
-                message: Any = parser.decode(packet)
+                message: Any = decode(packet)
                 set_point = packet.msgid == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
                 self.moved += set_point or getattr(message, "command", None) in MOVES
             return write(data)
@@ -164,7 +164,7 @@ def test_its_own_claim_that_comes_back_is_none_of_another_search() -> None:
     def reading() -> bytes:
         data = read()
         for packet in parser.feed(data):
-            message: Any = parser.decode(packet)
+            message: Any = decode(packet)
             if packet.msgid == dialect.MAVLINK_MSG_ID_TUNNEL and message.payload_type == CLAIM_TYPE:
                 claims.append(packet.raw)
         return data

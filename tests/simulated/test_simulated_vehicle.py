@@ -12,7 +12,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.position import Home, PositionError
 from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
 from tests.every import every
@@ -59,7 +59,7 @@ class Client:
     def hear(self) -> list[Any]:
         packets = self.parser.feed(self.vehicle.poll(self.now))
         assert self.parser.bad_crc == self.parser.skipped == 0
-        return [self.parser.decode(p) for p in packets]
+        return [decode(p) for p in packets]
 
     def send(self, message: Any) -> list[Any]:
         self.vehicle.feed(self.encoder.pack(message), self.now)
@@ -863,7 +863,7 @@ def test_reboot() -> None:
     assert client.truth().ned == ned
     raw = client.vehicle.poll(client.now)
     assert raw[4] == 0  # the sequence number
-    messages = [client.parser.decode(p) for p in client.parser.feed(raw)] + client.run(2.0)
+    messages = [decode(p) for p in client.parser.feed(raw)] + client.run(2.0)
     assert names(messages) == {"HEARTBEAT": 3, "GLOBAL_POSITION_INT": 8}
     assert [m.time_boot_ms for m in of("GLOBAL_POSITION_INT", messages)] == list(range(250, 2001, 250))
     beat = of("HEARTBEAT", messages)[0]

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 from arva_hil.clock import RealClock
 from arva_hil.links import Link, LinkError, open_link
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, command, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, command, decode, dialect
 
 _COMPONENT: Final = 194  # beside those of emulator and search
 _SIM_STATE: Final = dialect.MAVLINK_MSG_ID_SIM_STATE  # ArduPilot's
@@ -78,7 +78,7 @@ class Witness:
             yield dialect.MAVLink_param_set_message(1, 1, name.encode(), value, real)
 
     def _note(self, parser: Parser, packet: Packet) -> None:
-        if packet.msgid != self._msgid or (message := parser.decode(packet)) is None:
+        if packet.msgid != self._msgid or (message := decode(packet)) is None:
             return
         if packet.msgid == _SIM_STATE:  # its floats of degrees · 1e7 are too coarse
             lat, lon, alt = message.lat_int, message.lon_int, message.alt

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.model.field import LocalFrame
 
 POSES_HZ: Final = 50.0
@@ -39,11 +39,11 @@ class Motion:
             for record in log:
                 for packet in parser.feed(record.raw):
                     if packet.component == 1 and packet.msgid == _POSITION:
-                        m = parser.decode(packet)
+                        m = decode(packet)
                         here = (m.lat / 1e7, m.lon / 1e7, m.alt / 1e3, m.vx / 100, m.vy / 100, m.vz / 100)
                         positions[m.time_boot_ms / 1e3] = here
                     elif packet.component == 1 and packet.msgid == _ATTITUDE:
-                        m = parser.decode(packet)
+                        m = decode(packet)
                         attitudes[m.time_boot_ms / 1e3] = (m.yaw, m.pitch, m.roll)
         where = np.array(list(positions.values()))
         self.home = tuple(where[0, :3])

@@ -9,9 +9,9 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
 
+from arva_hil.simulated import HOME
 from tools.fuzz.packets import packet
 
-HOME = (46.0123, 7.7456, 1650.0)
 OTHER_KEY = hashlib.sha256(b"theirs").digest()
 POSITION, ATTITUDE, QUATERNION, BEAT, ACK = 33, 30, 31, 0, 77
 LAYOUTS = {POSITION: "<IiiiihhhH", ATTITUDE: "<Iffffff", QUATERNION: "<Ifffffff", BEAT: "<IBBBBB", ACK: "<HB"}

@@ -14,7 +14,7 @@ from arva_hil.events import Event
 from arva_hil.events.words.reasons import no_pose, no_vehicle
 from arva_hil.events.words.sentences import sentence
 from arva_hil.links.tlog import TlogReader
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.model.field import LocalFrame
 from tools.fuzz.packets import packet
 from tools.fuzz.script import ROOT, Script
@@ -80,7 +80,7 @@ class Bench:
         assert b"".join(p.raw for p in packets) == out
         for p in packets:
             assert p.known
-            assert parser.decode(p) is not None
+            assert decode(p) is not None
             assert (p.system, p.component) == (session.encoder.system, session.component)
 
     def _interrupt(self) -> None:
@@ -182,7 +182,7 @@ class Bench:
         self._fed += len(chunk)
         for p in packets:
             self._in_packets += len(p.raw)
-            session.parser.decode(p)
+            decode(p)
             if session.vehicle and (p.system, p.component) == (session.vehicle.system, session.vehicle.component):
                 assert self._alone(twin, p) == [p]
 
@@ -202,7 +202,11 @@ class Bench:
         vehicle = session.vehicle
         if vehicle is None:
             assert self._ids is None, "the vehicle is forgotten"
-            assert (session.track.newest, session.home, session.state_at(self._now, FRAME)) == (None, None, None)
+            assert (session.track.newest, session.home, session.navigation.state_at(self._now, FRAME)) == (
+                None,
+                None,
+                None,
+            )
             return
         ids = vehicle.system, vehicle.component
         assert self._ids in (None, ids), f"the vehicle was {self._ids}, is {ids}"
@@ -217,7 +221,7 @@ class Bench:
 
     def _knowledge(self, session: Session) -> tuple[object, ...]:
         now = self._now
-        state = session.state_at(now, FRAME)
+        state = session.navigation.state_at(now, FRAME)
         pose = b""
         if state is not None:
             values = np.concatenate([state.position, state.velocity, state.attitude, [state.boot_s, state.age_s]])

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Iterator
 from typing import Final
 
-from arva_hil.mavlink.codec import Parser, dialect
+from arva_hil.mavlink.codec import Parser, dialect, untunnel
 from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.search.flight.client import COMPONENT
@@ -18,11 +18,11 @@ from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_field import TeamField
 from arva_hil.search.team.team_news import News
 from arva_hil.search.team.team_strips import strips_of
-from arva_hil.search.team.team_tunnel import TEAM_TYPE, VERSION, TeamTunnel, decode, encode
+from arva_hil.search.team.team_tunnel import TEAM_TYPE, VERSION, TeamTunnel, encode, parse
+from arva_hil.simulated import HOME
 from tools.fuzz.packets import packet
 from tools.fuzz.script import Script
 
-HOME: Final = (46.0123, 7.7456, 1650.0)
 FRAME: Final = LocalFrame(*HOME)
 SYSTEMS: Final = (11, 12, 13, 14)
 AREA: Final = (-50.0, -50.0, 50.0, 50.0)
@@ -117,9 +117,9 @@ class Member:
         hunting = flags >> 4 if flags & 8 else None
         mate.report(self._now, lla, flying=True, hunting=hunting, hunting_m=20.0, searching=not flags & 1)  # type: ignore[arg-type]
         for message in self._tunnel.poll():
-            sent = decode(bytes(message.payload[: message.payload_length]), len(SYSTEMS))
+            sent = parse(untunnel(message), len(SYSTEMS))
             assert sent is not None, "its own news do not pass the decoder"
-            assert encode(sent) == bytes(message.payload[: message.payload_length])
+            assert encode(sent) == untunnel(message)
         assert not (mate.taken(flags, own=True, metres=9.0) and not self._news)
         wanted = *self._strips.velocity(self._now, at), s.number("b") / 100
         self._in_order(wanted, mate.apart(at, wanted, SPEED))

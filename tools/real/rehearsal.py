@@ -23,8 +23,8 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceiverLog, Surveyed, surveyed_scenario
 from arva_hil.records.writing import Recorder, RecordLayout
 from arva_hil.registry import FORMATS
+from arva_hil.simulated import HOME
 
-HOME = (46.0123, 7.7456, 1650.0)
 EPOCH_US = 1_798_761_600_000_000  # 2027-01-01T00:00:00Z
 STEP_S = 0.05
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED | dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
 SPACING_M: Final = 30  # TERRAIN_SPACING
@@ -107,7 +107,7 @@ class Relay:
     def _note(self, data: bytes, up: bool) -> None:
         now, parser = time.monotonic(), self._up if up else self._down
         for packet in parser.feed(data):
-            message = parser.decode(packet)
+            message = decode(packet)
             if message is None:
                 continue
             if not up and packet.component == 1:

@@ -185,7 +185,7 @@ class FlightState:
 
     def _turn(self, now: float, place: PositionSample) -> bool:
         """Keep the present heading. Returns False if it is not known."""
-        state = self._session.state_at(now, place.frame)
+        state = self._session.navigation.state_at(now, place.frame)
         if state is not None:
             self._yaw = heading(state.attitude)
         return state is not None

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events.searches import Doubt
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.model.field import LocalFrame
 
@@ -35,9 +36,6 @@ _INTEGERS: Final = {  # MAV_PARAM_TYPE → struct: PX4 copies the bytes of an in
     dialect.MAV_PARAM_TYPE_UINT32: "<I",
     dialect.MAV_PARAM_TYPE_INT32: "<i",
 }
-
-
-Doubt = Literal["set-points too rare", "flies on", "sticks ignored"]
 
 
 class Failsafes:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from arva_hil.autopilot.following.discovery import Identity, Senders, Vehicle, VehicleDiscovery
 from arva_hil.autopilot.following.navigation import Navigation, Place
-from arva_hil.autopilot.following.pose_track import ClockMap, PoseTrack, VehicleState
+from arva_hil.autopilot.following.pose_track import ClockMap, PoseTrack
 from arva_hil.autopilot.following.streams import Stream, Streams
 from arva_hil.events import Event
-from arva_hil.events.reasons import NoPose, NoVehicle, Reason, SilentStream
+from arva_hil.events.reasons import NoPose, NoVehicle, NoVehicleReason, Reason, SilentStream
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.packet import Verdict
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.mavlink.signing import Signing
-from arva_hil.model.field import LocalFrame
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 
@@ -91,10 +90,6 @@ class FollowedVehicle:
         """True if something can be sent to the vehicle."""
         return self.vehicle is not None and not (self.lost or self._passive or self._interrupted)
 
-    def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
-        """The vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
-        return self.navigation.track.at(self.navigation.clock.boot(now), frame)
-
     def rates(self, now: float) -> dict[str, float]:
         """Measured rates [Hz] of the pose streams."""
         return self._streams.rates(now) if self._streams else {}
@@ -147,7 +142,7 @@ class FollowedVehicle:
         packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
         if not packets:
             return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
-        reason: Literal["no signature", "other vehicles", "no heartbeat"] = "no heartbeat"
+        reason: NoVehicleReason = "no heartbeat"
         if self._disbelieved or self._finder.refused_vehicle:
             reason = "no signature" if self._disbelieved else "other vehicles"
         return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)

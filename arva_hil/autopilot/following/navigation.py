@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 from typing import Any, Final, Generic, Literal, TypeVar
 
-from arva_hil.autopilot.following.pose_track import AttitudeSample, ClockMap, PoseTrack, PositionSample
+from arva_hil.autopilot.following.pose_track import AttitudeSample, ClockMap, PoseTrack, PositionSample, VehicleState
 from arva_hil.events import Event
 from arva_hil.events.vehicles import ClockLeapt, PositionJumped
 from arva_hil.mavlink.codec import dialect
+from arva_hil.model.field.geodesy import LocalFrame
 
 T = TypeVar("T")
 Judgement = Literal["follows", "stray", "anew"]
@@ -126,6 +127,14 @@ class Navigation:
         self.clock.add(now, boot)
         self._stamped[message.id](message, boot, now)
         return judgement
+
+    def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
+        """Return the vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
+        return self.track.at(self.clock.boot(now), frame)
+
+    def is_known(self, now: float) -> bool:
+        """Return True if no later message can change the pose at host time `now`."""
+        return self.track.is_known(self.clock.boot(now))
 
     def renew(self) -> None:
         """The link is new: no late packets of the old link can come."""

@@ -7,9 +7,9 @@ import math
 from arva_hil.cli.arguments import shared
 from arva_hil.cli.options import CommandParser, link, number, numbers, speed, whole
 from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.simulated import HOME
 
 FAILSAFES = ("geofence", "battery", "ekf", "radio")
-HOME = (46.0123, 7.7456, 1650.0)
 
 
 def run(parser: CommandParser) -> None:

@@ -23,7 +23,7 @@ from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.processes import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
-from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.mavlink.codec import Packet, decode, dialect
 from firmware_proto import Frame
 
 _FRAME_S: Final = 0.5
@@ -119,7 +119,7 @@ class AutopilotProbe:
                 self._said[event.stream] = said.text.removeprefix(event.stream).lstrip(": ")
 
     def _on_heartbeat(self, packet: Packet, now: float) -> None:
-        message = self.session.parser.decode(packet)
+        message = decode(packet)
         if message is None:
             return
         key = packet.system, packet.component

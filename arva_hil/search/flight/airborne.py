@@ -78,7 +78,7 @@ class MissionRun:
 
     def _state(self, now: float) -> VehicleState | None:
         """Return the pose for the flight, None if there is none that is new enough."""
-        state = self._session.state_at(now, self.origin) if self.origin else None
+        state = self._session.navigation.state_at(now, self.origin) if self.origin else None
         return state if state is not None and state.age_s < OLD_S else None
 
     def _log_step(self, now: float, phase: str, state: VehicleState, velocity: Position) -> None:

@@ -17,7 +17,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
-from arva_hil.mavlink.codec import Packet, decode, dialect, tunnel
+from arva_hil.mavlink.codec import Packet, decode, dialect, tunnel, untunnel
 
 CLAIM_TYPE: Final = 42073  # the payload type, in MAVLink's private range; a team's news have the one before
 QUIET_S: Final = 1.5  # after the first announcement no other search has objected: the vehicle may be armed
@@ -95,7 +95,7 @@ class ClaimAnnouncer:
             message = decode(packet)
             if message is None or message.payload_type != CLAIM_TYPE:
                 continue
-            claim = parse(bytes(message.payload[: message.payload_length]))
+            claim = parse(untunnel(message))
             if claim and claim.number != self._own.number and claim.precedes(self._own):
                 return claim
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from arva_hil.autopilot.commanding.complaints import Battery
 from arva_hil.autopilot.commanding.sticks import Sticks
@@ -14,7 +14,15 @@ from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
-from arva_hil.events.searches import CountDown, FailsafesKnown, FenceInArea, ParameterDoubted, WaitingFor
+from arva_hil.events.searches import (
+    AutopilotKind,
+    CountDown,
+    FailsafesKnown,
+    FenceInArea,
+    Lacking,
+    ParameterDoubted,
+    WaitingFor,
+)
 from arva_hil.links import Link
 from arva_hil.links.processes import other_readers
 from arva_hil.mavlink.codec import dialect
@@ -35,8 +43,6 @@ _ARDUPILOT_HOVERS: Final = frozenset(
     (dialect.COPTER_MODE_AUTO, dialect.COPTER_MODE_GUIDED, dialect.COPTER_MODE_LOITER, dialect.COPTER_MODE_BRAKE)
 )
 _PX4_HOVERS: Final = frozenset((4 << 16 | 3 << 24, 4 << 16 | 4 << 24))  # hold, mission
-
-_Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
 
 class Hover:
@@ -113,7 +119,7 @@ class Preflight:
         self._checked_s = start
         self._failsafes_reported = False
         self._alone = False  # whether nobody else read the receiver at the first check
-        self._waits_for: _Lacking | None = None
+        self._waits_for: Lacking | None = None
         self._mode: int | None = None  # of the vehicle, since the last gap
         self._taken = False  # whether somebody else has set the mode that follows set-points
         self._armed_since = math.inf
@@ -209,7 +215,7 @@ class Preflight:
         if not self._failsafes_reported:
             self._failsafes_reported = True
             parameters = tuple(self.failsafes.values.items())
-            autopilot: Literal["ardupilot", "px4"] = "px4" if self.failsafes.px4 else "ardupilot"
+            autopilot: AutopilotKind = "px4" if self.failsafes.px4 else "ardupilot"
             self._emit(FailsafesKnown(now, autopilot, parameters, self._sticks.remote))
             for doubt in self.failsafes.doubts():
                 self._emit(ParameterDoubted(now, *doubt))
@@ -244,7 +250,7 @@ class Preflight:
             self._next_report = math.ceil(left) - 1
         return left <= 0
 
-    def _lack(self, what: _Lacking, now: float, kind: Kind, why: Callable[[], Reason]) -> Refusal | bool:
+    def _lack(self, what: Lacking, now: float, kind: Kind, why: Callable[[], Reason]) -> Refusal | bool:
         self._arm_at = math.inf
         if what != self._waits_for:
             self._waits_for = what
@@ -253,5 +259,5 @@ class Preflight:
 
     def _has_pose(self, now: float) -> bool:
         place = self._session.track.last_position
-        state = self._session.state_at(now, place.frame) if place else None
+        state = self._session.navigation.state_at(now, place.frame) if place else None
         return state is not None and state.age_s < OLD_S and not self._session.lost

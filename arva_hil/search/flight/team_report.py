@@ -52,7 +52,7 @@ class TeamReport:
         if vehicle is None or last is None or not (searching or vehicle.armed or self._flying):
             return
         origin = origin or last.frame
-        state = self._session.state_at(now, origin)
+        state = self._session.navigation.state_at(now, origin)
         lost = state is None or state.age_s >= _OLD_S
         place = (last.lat, last.lon, last.alt) if state is None else lla(origin, *as_position(state.position))
         self._report(now, place, origin, mission, flying=vehicle.armed, searching=searching, lost=lost)

@@ -12,14 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import combinations
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 from arva_hil.autopilot.following.pose_track import VehicleState
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
-from arva_hil.events.searches import HeightSource, SensorsDisagree
+from arva_hil.events.searches import HeightOrigin, HeightSource, SensorsDisagree
 from arva_hil.model.field.quaternion import upright
 from arva_hil.search.mission.height_sensors import FRESH_S, HeightSensors, Survey
 from arva_hil.search.mission.range_check import Odometry, RangeCheck
@@ -47,8 +47,6 @@ _CLEARANCE_OFF_M: Final = 3.0
 _LONG_S: Final = 15.0  # of disagreement: the search ends
 _AT_REST_M_S: Final = 0.1  # of vertical speed
 _CONTACT_M: Final = 0.4  # of descent that was ordered at rest
-
-_Source = Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
 
 
 class Height(NamedTuple):
@@ -109,7 +107,7 @@ class Ground:
         self._compared: Survey | None = None
         self._doubted = False  # the survey has disagreed with the position in this flight
         self._below: float | None = None  # the ground below, when it was known last
-        self._source: _Source | None = None  # reported last
+        self._source: HeightOrigin | None = None  # reported last
         self._disagree: dict[tuple[str, str], float] = {}  # since when
         self._emit = emit
 
@@ -212,7 +210,7 @@ class Ground:
         if rise is not None and gps_off:
             down_slope = min(metres for name, metres in altitudes.items() if name != "GPS") - rise - _SURVEY_OFF_M
         if self._source in ("rangefinder", "highest ground"):
-            source: _Source = "highest ground"
+            source: HeightOrigin = "highest ground"
         elif down_slope > lowest or (rise is not None and self._source == "terrain"):
             source = "terrain"
         else:
@@ -267,7 +265,7 @@ class Ground:
         pairs = [(one, a, two, b) for (one, two), (a, b) in found.items() if now - self._disagree[one, two] >= _LONG_S]
         return bool(found), because(Why.SENSORS_DISAGREE, pairs=pairs) if pairs else None
 
-    def _report(self, source: _Source, now: float, margin: float = 0.0) -> None:
+    def _report(self, source: HeightOrigin, now: float, margin: float = 0.0) -> None:
         if source != self._source:
             self._source = source
             self._emit(HeightSource(now, source, margin))

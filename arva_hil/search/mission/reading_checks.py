@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, Literal
+from typing import Final
 
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
-from arva_hil.events.searches import SearchPaused, SearchResumed
+from arva_hil.events.searches import PauseReason, SearchPaused, SearchResumed
 from arva_hil.search.strategies.strategy import Position
 from firmware_proto import Channel, Frame
 
@@ -105,7 +105,7 @@ class Pauses:
     def __init__(self, start_s: float, patience_s: float, emit: Callable[[Event], None]) -> None:
         self._patience_s = patience_s
         self._last_frame_s = self._since_s = start_s
-        self._why: Literal["no frame", "same readings"] | None = None
+        self._why: PauseReason | None = None
         self._standstill = StuckReadings()
         self._emit = emit
 
@@ -128,7 +128,7 @@ class Pauses:
         """Return True if the search hovers because the receiver does not work."""
         before, stuck = self._why, self._standstill.whole.stuck
         silent = time_s - self._last_frame_s > _SILENT_S
-        why: Literal["no frame", "same readings"] | None = "same readings" if stuck else None
+        why: PauseReason | None = "same readings" if stuck else None
         self._why = why = "no frame" if silent else why
         if why and why != before:
             self._since_s = time_s

@@ -68,6 +68,14 @@ class Observation(NamedTuple):
         return heading + math.radians(self.delta_deg)
 
 
+def sigma_of(covariance: tuple[float, float, float] | None) -> float | None:
+    """Return the largest standard deviation of all horizontal directions [m], for (nn, ne, ee) [m²]."""
+    if covariance is None:
+        return None
+    nn, ne, ee = covariance
+    return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
+
+
 class Found(NamedTuple):
     """The place of a transmitter from the take-off point [m]. `covariance`: of north and east [m²], (nn, ne, ee).
 
@@ -88,10 +96,7 @@ class Found(NamedTuple):
     @property
     def sigma(self) -> float | None:
         """The largest standard deviation of all horizontal directions [m]."""
-        if self.covariance is None:
-            return None
-        nn, ne, ee = self.covariance
-        return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
+        return sigma_of(self.covariance)
 
 
 class Belief(NamedTuple):

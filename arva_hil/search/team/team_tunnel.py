@@ -27,7 +27,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any, Final
 
-from arva_hil.mavlink.codec import Packet, Parser, dialect, tunnel
+from arva_hil.mavlink.codec import Packet, decode, dialect, tunnel, untunnel
 from arva_hil.search.team.team_news import MOST_HEARD, HeardAt, News
 
 TEAM_TYPE: Final = 42072  # the payload type, in MAVLink's private range; frames have the one before
@@ -61,7 +61,7 @@ def encode(news: News) -> bytes:
     return head + ids + b"".join(rows)
 
 
-def decode(payload: bytes, members: int) -> News | None:
+def parse(payload: bytes, members: int) -> News | None:
     """The news of one of so many members, None if it is something else. `time_s`: on the clock of who sent it."""
     if len(payload) < _HEAD.size or payload[0] != VERSION:
         return None
@@ -119,7 +119,6 @@ class TeamTunnel:
         self.dropped = 0
         self._systems = systems
         self._component = component
-        self._parser = Parser()
         self._due: News | None = None
         self._last: dict[int, tuple[float, float]] = {}  # by number: the newest time, and when it came
         self._quickest: dict[int, float] = {}  # by number: the least difference of the clocks
@@ -139,11 +138,11 @@ class TeamTunnel:
         """The news in a packet; None for anything else. `time_s` is then on the own clock."""
         if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or packet.component != self._component:
             return None
-        if packet.system not in self._systems or (message := self._parser.decode(packet)) is None:
+        if packet.system not in self._systems or (message := decode(packet)) is None:
             return None
         if message.payload_type != TEAM_TYPE:
             return None
-        news = decode(bytes(message.payload[: message.payload_length]), len(self._systems))
+        news = parse(untunnel(message), len(self._systems))
         if news is None or self._systems[news.number] != packet.system or not self._is_new(news, now):
             self.dropped += 1
             return None
