@@ -158,7 +158,7 @@ def _check_scenario(scenario: object) -> None:
 
 
 def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_system: int | None) -> FleetSides:
-    """The links of a run. Raises ValueError for arguments that do not fit together."""
+    """Return the links of a run. Raises ValueError for arguments that do not fit together."""
     if scenario.vehicles:
         _check_own(scenario, port, target_system)
         return fleet_sides(scenario, autopilot)
@@ -172,7 +172,7 @@ def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_s
 
 
 def _check_own(scenario: Scenario, port: str | None, target_system: int | None) -> None:
-    """Raises ValueError for what each vehicle or receiver of the scenario has itself."""
+    """Raise ValueError for options that each vehicle or receiver of the scenario has itself."""
     for name, value in (("port", port), ("target_system", target_system)):
         if value is not None:
             raise ValueError(f"{name}: {value!r}, expected None: {scenario.source} has vehicles, each with its own")

@@ -45,7 +45,7 @@ class Clock(Protocol):
     early_s: float
 
     def now(self) -> float:
-        """Seconds."""
+        """Return the time in seconds."""
 
     def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
         """Return at `deadline`, or earlier as soon as one of `links` has something to read."""
@@ -80,7 +80,7 @@ _running: Callable[[], float] = (
 
 @contextmanager
 def punctual() -> Iterator[None]:
-    """In this context the thread wakes exactly when a wait is over. Linux adds up to 50 µs otherwise, to save energy.
+    """Wake the thread exactly when a wait is over. Without this, Linux adds up to 50 µs, to save energy.
 
     Without such a setting, or without the permission for it, nothing changes.
     https://man7.org/linux/man-pages/man5/proc_pid_timerslack_ns.5.html
@@ -129,12 +129,12 @@ class RealClock:
 
 
 def utc(epoch_us: int) -> str:
-    """Microseconds since 1970 in ISO 8601, e.g. 2026-01-31T15:45:00.000Z."""
+    """Return microseconds since 1970 in ISO 8601, e.g. 2026-01-31T15:45:00.000Z."""
     return datetime.fromtimestamp(epoch_us / 1e6, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def from_utc(text: str) -> int:
-    """Microseconds since 1970 from the output of `utc`. Raises ValueError."""
+    """Return microseconds since 1970 from the output of `utc`. Raises ValueError."""
     return round(datetime.strptime(text, "%Y-%m-%dT%H:%M:%S.%f%z").timestamp() * 1e6)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 def nearest(text: str, names: Iterable[str]) -> str | None:
-    """The name most like a text, None when none is."""
+    """Return the name most like a text, None when none is."""
     from difflib import get_close_matches  # slow to import
 
     return next(iter(get_close_matches(text, list(names), 1)), None)

@@ -61,7 +61,7 @@ class Registry:
         return name in self.built_in or name in self.loaded or bool(self._entries(str(name)))
 
     def __getitem__(self, name: str) -> Any:
-        """The kind of that name. Raises KindError if there is none, if there are two, or if it cannot be used."""
+        """Return the kind of that name. Raises KindError if there is none, if there are two, or if it is unusable."""
         if name not in self.loaded:
             if name in self.built_in:
                 module, _, attribute = self.built_in[name].partition(":")
@@ -73,7 +73,7 @@ class Registry:
         return self.loaded[name]
 
     def names(self) -> list[str]:
-        """All names: the built-in ones, then those of other packages."""
+        """Return all names: the built-in ones, then those of other packages."""
         return list(dict.fromkeys([*self.built_in, *sorted(entry.name for entry in self._entries())]))
 
     def _entries(self, name: str | None = None) -> list[EntryPoint]:
@@ -127,7 +127,7 @@ class Registry:
         return thing
 
     def _unfit(self, thing: Any) -> str:
-        """Why `thing` cannot be used as such a kind, "" if it can."""
+        """Return the reason why `thing` cannot be used as such a kind; "" if it can."""
         missing = [name for name in self.requires if not any(_has(thing, one) for one in name.split(" or "))]
         if self.attributes and not missing:
             import inspect  # slow to load, and only a class is looked into
@@ -168,7 +168,7 @@ def _current_folder() -> Iterator[None]:
 
 
 def _files(module: str) -> list[str]:
-    """The files of all modules or packages of that name, in the order in which Python looks for them; ours is one."""
+    """Return the files of all modules or packages of that name, in Python's order of search; ours is one."""
     if module == "arva_hil":
         return []
     folders = dict.fromkeys(folder or os.getcwd() for folder in sys.path)

@@ -28,7 +28,7 @@ def one_line(value: object) -> str:
 
 
 def shown(thing: object) -> str:
-    """The repr of what a plug-in has made, shortened; its class if its own `__repr__` raises."""
+    """Return the repr of what a plug-in has made, shortened; its class if its own `__repr__` raises."""
     try:
         text = repr(thing)
     except Exception:
@@ -37,13 +37,16 @@ def shown(thing: object) -> str:
 
 
 def cell(value: object) -> str:
-    """Text for a cell of a CSV file: one line, and not a formula. Not for numbers, because they may begin with "-"."""
+    """Return a text for a cell of a CSV file: one line, and not a formula.
+
+    Not for numbers, because they may begin with "-".
+    """
     text = one_line(value)
     return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
 
 
 def table_lines(rows: Iterable[Sequence[str]]) -> list[str]:
-    """A table for a terminal, a line for each row: the first column to the left, all others to the right."""
+    """Return a table for a terminal, a line for each row: the first column to the left, all others to the right."""
     table = [*rows]
     first, *others = [max(map(len, column)) for column in zip(*table, strict=True)]
     cells = ([row[0].ljust(first), *map(str.rjust, row[1:], others)] for row in table)
@@ -55,7 +58,7 @@ _MOST: Final = 2  # an indent takes at most half of the columns
 
 
 def wrapped(line: str, columns: int | None, further: int = _FURTHER) -> str:
-    """A line broken between words for a terminal; None: no terminal, the line as it is.
+    """Break a line between words for a terminal. `columns`: None without a terminal, the line stays as it is.
 
     Rows behind the first are indented by `further`, or by less on a narrow terminal. A word that is longer than a row,
     such as a path, stays whole, so that it can be copied.
@@ -69,7 +72,7 @@ def wrapped(line: str, columns: int | None, further: int = _FURTHER) -> str:
 
 
 def columns_of(stream: TextIO | None) -> int | None:
-    """Columns of the terminal that this is; None if it is none, is closed or does not tell."""
+    """Return the columns of a terminal; None for anything else, or if they are unknown."""
     if stream is None:
         return None
     try:

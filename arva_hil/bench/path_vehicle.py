@@ -87,7 +87,7 @@ class PathVehicle:
         return Truth(ned, velocity, quaternion.from_euler(0.0, 0.0, yaw), _STILL, self._home.lla_fast(ned))
 
     def _at(self, now: float) -> tuple[Vector, Vector, float]:
-        """Position, velocity and yaw."""
+        """Return position, velocity and yaw."""
         after = bisect_right(self._path, now, key=lambda point: point.time_s)
         if after in (0, len(self._path)):
             there = self._path[min(after, len(self._path) - 1)]

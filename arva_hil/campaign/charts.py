@@ -36,7 +36,7 @@ _LEAST_ERROR_M: Final = 0.001  # on a logarithmic axis, which has no 0
 
 
 def colours(strategies: Iterable[str]) -> dict[str, str]:
-    """A colour for each strategy, also distinct for the colour-blind (M. Okabe, K. Ito, 2008)."""
+    """Return a colour for each strategy, also distinct for the colour-blind (M. Okabe, K. Ito, 2008)."""
     return {name: PALETTE[n % len(PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
 
 
@@ -63,7 +63,7 @@ def draw(rows: Sequence[TrialRow], success_m: float, format: Format = "svg") -> 
 
 
 def _success(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
-    """A line for each scenario, and one for all of them if there are several."""
+    """Draw a line for each scenario, and one for all of them if there are several."""
     lines = {str(name): some for (name,), some in groups(rows, "scenario").items()}
     if len(lines) > 1:
         lines["all"] = list(rows)
@@ -97,7 +97,7 @@ def _error(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
 
 
 def _by_number(column: str, axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
-    """A point for each value of a column, or for each range of values if there are many."""
+    """Draw a point for each value of a column, or for each range of values if there are many."""
     known = [row for row in rows if getattr(row, column) is not None]
     values = np.unique([getattr(row, column) for row in known])
     if len(values) > _VALUES:
@@ -117,7 +117,7 @@ def _by_number(column: str, axes: Axes, rows: Sequence[TrialRow], success_m: flo
 
 
 def _climb(axes: Axes, values: list[float], runs: int, low: float, high: float, strategy: str, colour: str) -> None:
-    """The percentage of all runs that have a value up to x, from `low` to `high`."""
+    """Draw the percentage of all runs that have a value up to x, from `low` to `high`."""
     x = [low, *sorted(values), high]
     y = [100 * n / runs for n in (*range(len(values) + 1), len(values))]
     axes.step(x, y, where="post", color=colour, lw=2, label=strategy)
@@ -130,12 +130,15 @@ def _each(rows: Sequence[TrialRow]) -> list[tuple[str, str, list[TrialRow]]]:
 
 
 def _aside(n: int, count: int) -> float:
-    """The offset of the n-th of several marks at one place, as a fraction of the distance between places."""
+    """Return the offset of the n-th of several marks at one place, as a fraction of the distance between places."""
     return (n - (count - 1) / 2) * min(0.2, 0.8 / count)
 
 
 def _rate(rows: Sequence[TrialRow], success_m: float) -> tuple[float, float, float]:
-    """The success rate, and the lengths of its error bars: down and up to the ends of its interval. In percent."""
+    """Return the success rate, and the lengths of its error bars: down and up to the ends of its interval.
+
+    In percent.
+    """
     successes = sum(row.success(success_m) for row in rows)
     low, high = wilson(successes, len(rows))
     rate = successes / len(rows)

@@ -37,12 +37,12 @@ class Planned:
 
 
 def size(plan: CampaignPlan) -> int:
-    """The number of trials."""
+    """Return the number of trials."""
     return math.prod(map(len, _axes(plan))) * len(plan.strategies)
 
 
 def trials(plan: CampaignPlan) -> Iterator[Planned]:
-    """All trials, by seed first and strategy last, so that a stopped campaign has tried all strategies alike."""
+    """Yield all trials, by seed first and strategy last, so that a stopped campaign has tried all strategies alike."""
     before: tuple[Any, ...] = ()
     for seed, (name, kind), noise, wind_m_s, gps_noise_m, take_off_m, drones in itertools.product(*_axes(plan)):
         if before != (seed, name, noise):
@@ -69,7 +69,7 @@ def trials(plan: CampaignPlan) -> Iterator[Planned]:
 
 
 def wind(speed_m_s: float, seed: int) -> tuple[float, float, float]:
-    """The wind [m/s, NED], from a random direction that depends on the seed."""
+    """Return the wind [m/s, NED], from a random direction that depends on the seed."""
     angle = random.Random(f"wind {seed}").random() * math.tau
     return round(speed_m_s * math.cos(angle), 6) + 0.0, round(speed_m_s * math.sin(angle), 6) + 0.0, 0.0
 

@@ -25,7 +25,7 @@ _HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path
 
 
 def text(rows: Sequence[TrialRow], success_m: float) -> str:
-    """A short table for a terminal: one line for each strategy and number of drones."""
+    """Return a short table for a terminal: one line for each strategy and number of drones."""
     parts = groups(rows, "strategy", "drones")
     numbered = len({drones for _, drones in parts}) > 1
     each = (
@@ -38,7 +38,7 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
 
 
 def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
-    """The report as one self-contained HTML file."""
+    """Return the report as one self-contained HTML file."""
     count = {name: len(groups(rows, name)) for name in _COLUMNS}
     axes = [(name, label) for name, (_, label) in _COLUMNS.items() if label == "" or (label and count[name] > 1)]
     try:
@@ -63,7 +63,10 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
 
 
 def _parts(rows: Sequence[TrialRow], column: str, success_m: float) -> Iterator[tuple[str, dict[str, Summary]]]:
-    """Each value of a column, with the summary of each strategy there. The column `strategy` is one part with all."""
+    """Yield each value of a column, with the summary of each strategy there.
+
+    The column `strategy` is one part with all.
+    """
     for (value,), some in ({("",): rows} if column == "strategy" else groups(rows, column)).items():
         name = f"{value:g}" if isinstance(value, float) else str(value)
         yield name, {strategy: summary(mine, success_m) for (strategy,), mine in groups(some, "strategy").items()}

@@ -83,7 +83,7 @@ _CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.
 
 
 def flown(planned: Planned) -> dict[str, Any]:
-    """The conditions of a trial: the columns up to `distance_m`."""
+    """Return the conditions of a trial: the columns up to `distance_m`."""
     trial = planned.trial
     same = "gps_noise_m take_off_m drones strategy height_m speed_m_s limit_s".split()
     places = [t.path.points_ned[0][1:] if t.path else t.ned for t in trial.scenario.transmitters]
@@ -99,7 +99,7 @@ def flown(planned: Planned) -> dict[str, Any]:
 
 
 def row(planned: Planned, result: Result) -> TrialRow:
-    """The row of a trial with its result."""
+    """Return the row of a trial with its result."""
     outcome = one_line(" ".join(result.outcome.split())[:300])
     return TrialRow(**flown(planned), **asdict(result) | {"outcome": outcome})
 
@@ -206,7 +206,7 @@ class Results:
 
 @contextmanager
 def opened(folder: Path) -> Iterator[Results]:
-    """The results in a folder, created if needed, for one campaign at a time. Raises ResultsError."""
+    """Open the results in a folder, created if needed, for one campaign at a time. Raises ResultsError."""
     with contextlib.ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -258,7 +258,7 @@ class Summary:
 
 
 def wilson(successes: int, runs: int) -> Pair:
-    """The 95 % confidence interval of a rate (E. B. Wilson, 1927)."""
+    """Return the 95 % confidence interval of a rate (E. B. Wilson, 1927)."""
     if not runs:
         return 0.0, 1.0
     p, n = successes / runs, runs
@@ -268,7 +268,7 @@ def wilson(successes: int, runs: int) -> Pair:
 
 
 def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
-    """The statistics of rows. A run that failed with an error of the program counts as a run without success."""
+    """Return the statistics of rows. A run that failed with an error of the program counts as a run without success."""
     good = [row for row in rows if row.success(success_m)]
     return Summary(
         len(rows),
@@ -282,7 +282,7 @@ def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
 
 
 def groups(rows: Iterable[TrialRow], *columns: str) -> dict[tuple[Any, ...], list[TrialRow]]:
-    """The rows by their values in some columns, in the order in which the values first appear."""
+    """Return the rows by their values in some columns, in the order in which the values first appear."""
     found: dict[tuple[Any, ...], list[TrialRow]] = {}
     for row in rows:
         found.setdefault(tuple(getattr(row, column) for column in columns), []).append(row)

@@ -62,7 +62,7 @@ class WorkerPool:
     def fly(
         self, planned: Iterable[Planned], fly: Fly, *, stopped: Callable[[], bool]
     ) -> Iterator[list[tuple[Planned, Result]]]:
-        """The trials of a shard and their results, in the order in which they end. `fly`: a function of a module.
+        """Yield the trials of a shard and their results, in the order in which they end. `fly`: a function of a module.
 
         An error of a trial is its outcome. Raises WorkerPoolError if a worker dies or the cluster is lost.
         """
@@ -91,12 +91,12 @@ class WorkerPool:
 
 
 def packed(trials: Sequence[Trial]) -> bytes:
-    """Trials as a task takes them: small, for Dask's scheduler keeps its last 1000 messages to each worker."""
+    """Return trials as a task takes them: small, for Dask's scheduler keeps its last 1000 messages to each worker."""
     return zlib.compress(pickle.dumps(trials))
 
 
 def attempt(fly: Fly, shard: bytes) -> list[Result]:
-    """The results of the trials in a shard, also of those that raise an error. Runs in the worker."""
+    """Return the results of the trials in a shard, also of those that raise an error. Runs in the worker."""
     return [_attempt(fly, trial) for trial in pickle.loads(zlib.decompress(shard))]
 
 
@@ -128,7 +128,7 @@ def processes(count: int) -> Iterator[WorkerPool]:
 
 @contextmanager
 def cluster(address: str, trials: int, *, within_s: float | None = None) -> Iterator[WorkerPool]:
-    """The Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786, for so many trials.
+    """Connect to the Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786, for so many trials.
 
     `within_s`: how long it is waited for; None: 10 s. Raises MissingExtra without Dask, Unreachable without an answer.
     """
@@ -185,7 +185,7 @@ def _hold(lifeline: Connection) -> None:
 
 
 def _results(future: Future[list[Result]], count: int) -> list[Result] | None:
-    """The results of so many trials, None if their worker was lost."""
+    """Return the results of so many trials, None if their worker was lost."""
     if future.cancelled() or isinstance(error := future.exception(), BrokenExecutor):
         return None
     return [_failure(error)] * count if error else future.result()

@@ -47,7 +47,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _part(plan: CampaignPlan, shard: tuple[int, int] | None) -> tuple[CampaignPlan, str]:
-    """The part of a plan that a run flies, and its name, empty for the whole."""
+    """Return the part of a plan that a run flies, and its name, empty for the whole."""
     if not shard:
         return plan, ""
     k, n = shard

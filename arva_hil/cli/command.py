@@ -79,7 +79,7 @@ class Asking:
 
 
 def _doubt(sample: bytes, format: str) -> str:
-    """Why there is no answer, for a person."""
+    """Return the likely reason for a missing answer."""
     if not sample:
         return "nothing came at all"
     if FORMATS[format].decoder().feed(sample, 0.0):

@@ -37,7 +37,7 @@ from arva_hil.safe_text import shown
 
 
 def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
-    """The scenario file or the default, changed as environment and command line say.
+    """Return the scenario file or the default, changed as environment and command line say.
 
     `fleet`: the command supports `vehicles` in the scenario, whose receivers have their own rate, format and seed.
     """
@@ -63,7 +63,7 @@ def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
 
 
 def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
-    """The scenario's faults and those added by environment and command line."""
+    """Return the scenario's faults and those added by environment and command line."""
     faults = chosen.faults
     for fault in options.fault or ():
         faults = (*faults, fault) if fault else ()
@@ -75,7 +75,7 @@ def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
 
 
 def describe(chosen: Scenario) -> list[str]:
-    """The scenario in a few lines, for a person."""
+    """Return the scenario in a few lines, for a person."""
     lines = [f"scenario {chosen.source}: {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}, seed {chosen.seed}"]
     if chosen.vehicles:
         lines = [f"scenario {chosen.source}: vehicles {len(chosen.vehicles)}, receivers {len(receivers_of(chosen))}"]

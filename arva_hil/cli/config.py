@@ -57,7 +57,7 @@ class Origins:
         return self._line(key)
 
     def _line(self, key: Key) -> str:
-        """The line of the key in the file, or of a key there with the same meaning."""
+        """Return the line of the key in the file, or of a key there with the same meaning."""
         for candidate in _said_as(key):
             if candidate in self._lines:
                 return f"{self._file}:{self._lines[candidate]}"
@@ -65,7 +65,7 @@ class Origins:
 
 
 def _said_as(key: Key) -> Iterator[Key]:
-    """The key itself, and other keys with the same meaning."""
+    """Yield the key itself, and other keys with the same meaning."""
     yield key
     if key[:1] == ("transmitters",) and key[2] in _PLACES:
         yield from ((*key[:2], place) for place in _PLACES)
@@ -111,7 +111,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _options(options: argparse.Namespace) -> Iterator[tuple[str, Any, str]]:
-    """Name, value and origin of each option that is not in the scenario."""
+    """Yield name, value and origin of each option that is not in the scenario."""
     for dest, value in sorted(vars(options).items()):
         if dest in _IN_THE_SCENARIO:
             continue
@@ -131,7 +131,7 @@ def _found(port: str | None) -> tuple[str | None, str]:
 
 
 def _rows(plain: dict[str, Any], key: Key = (), indent: int = 0, dash: str = "") -> Iterator[tuple[str, Key, Any]]:
-    """A mapping in YAML's block style, with lists of mappings: the text before a value, its path, and the value.
+    """Yield the rows of a mapping in YAML's block style: the text before a value, its path, and the value.
 
     Without a path there is no value. `dash` begins the first line of a list's item.
     """
@@ -149,7 +149,7 @@ def _rows(plain: dict[str, Any], key: Key = (), indent: int = 0, dash: str = "")
 
 
 def _plain(value: Any) -> str:
-    """A leaf in YAML's flow style."""
+    """Return a leaf in YAML's flow style."""
     if isinstance(value, str) and value.isidentifier():
         return value
     if isinstance(value, list):

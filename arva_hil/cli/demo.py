@@ -56,7 +56,7 @@ def new_folder() -> Path:
 
 
 def _old(before_s: float) -> list[str]:
-    """Folders of demos that were last changed before `before_s`, seconds since 1970."""
+    """Return folders of demos that were last changed before `before_s`, seconds since 1970."""
     found = []
     with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
         for entry in entries:

@@ -158,7 +158,7 @@ class Doctor:
         return probe
 
     def _new_port_probe(self, probe: AutopilotProbe | None, link: Link | None) -> PortProbe | None:
-        """A probe that sends frames; None if there is one already, or if there is no link for it."""
+        """Return a probe that sends frames; None if there is one already, or if there is no link for it."""
         inside = over_mavlink(self.options.format)
         out = link if inside else self.out
         if out is None or (self.port_probe and not inside):
@@ -247,6 +247,6 @@ class Doctor:
 
 
 def _candidates(autopilot: Address) -> list[SerialPort]:
-    """Serial ports without an autopilot."""
+    """Return serial ports without an autopilot."""
     taken = os.path.realpath(autopilot.path)
     return [port for port in list_ports() if not port.autopilot and port.device != taken]

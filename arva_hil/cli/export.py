@@ -23,7 +23,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _by_suffix(name: str) -> str:
-    """The format that a file's name ends with. Raises UsageError."""
+    """Return the format that a file's name ends with. Raises UsageError."""
     suffix = Path(name).suffix.lower().removeprefix(".")
     if suffix not in EXPORTS:
         raise UsageError(f"--format is missing: choose {', '.join(EXPORTS)}; the name {name} does not say which")

@@ -137,7 +137,7 @@ class Listener:
         tell(f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped")
 
     def verdict(self) -> int:
-        """The exit code. Raises Failure if bytes came, but no frame."""
+        """Return the exit code. Raises Failure if bytes came, but no frame."""
         if self.sample:
             raise Failure(FAILED, self._doubt())
         return OK

@@ -25,7 +25,7 @@ OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators 
 
 
 def unknown_variables(environment: Mapping[str, str], parser: CommandParser, commands: Iterable[str]) -> list[str]:
-    """A message for each variable that none of `commands` reads.
+    """Return a message for each variable that none of `commands` reads.
 
     The other commands are imported only if there is a variable that `parser` does not read.
     """

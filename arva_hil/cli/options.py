@@ -96,7 +96,7 @@ class CommandParser(argparse.ArgumentParser):
             self.typed_only += flags
 
     def usual(self, flags: str) -> None:
-        """Name the flags that `--help` shows. `--help-all` shows the others too, in groups."""
+        """Name the flags that `--help` lists. `--help-all` lists the others too, in groups."""
         self._usual = flags.split()
         self.add_argument(_ALL, action="help", help="list all options and exit")
 
@@ -204,12 +204,12 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def module_name(command: str) -> str:
-    """The name of a command's module in `cli`, and of its function in `cli.arguments`."""
+    """Return the name of a command's module in `cli`, and of its function in `cli.arguments`."""
     return command.replace("-", "_")
 
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
-    """A converter for a finite number from `low` to `high`, both included."""
+    """Return a converter for a finite number from `low` to `high`, both included."""
 
     def convert(text: str) -> float:
         value = float(text) if re.fullmatch(_NUMBER, text) else math.nan
@@ -222,7 +222,7 @@ def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """A converter for a whole number from `low` to `high`, both included."""
+    """Return a converter for a whole number from `low` to `high`, both included."""
 
     def convert(text: str) -> int:
         value = int(text) if re.fullmatch("[-+]?[0-9]{1,19}", text) else low - 1
@@ -260,18 +260,21 @@ def numbers(
 
 
 def speed(text: str) -> float:
-    """A converter for how much faster than real time; `max` is infinity."""
+    """Convert a multiple of real time; `max` is infinity."""
     return math.inf if text == "max" else number(0.01, 1000)(text)
 
 
 def link(text: str) -> str:
-    """A converter that accepts only connection strings."""
+    """Convert a connection string."""
     parse(text)
     return text
 
 
 def kind(registry: Registry, without: Collection[str] = ()) -> Callable[[str], str]:
-    """A converter for a name in a registry that is not in `without`. It imports only kinds that are not built in."""
+    """Return a converter for a name in a registry that is not in `without`.
+
+    It imports only kinds that are not built in.
+    """
 
     def convert(text: str) -> str:
         usual = [name for name in registry if name not in without]

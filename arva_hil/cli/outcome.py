@@ -46,7 +46,7 @@ _PACKAGE: Final = Path(__file__).parent.parent
 
 @contextlib.contextmanager
 def interrupting() -> Iterator[None]:
-    """The first signal raises KeyboardInterrupt, as Ctrl-C does. For use outside the loop, where no data can be lost.
+    """Raise KeyboardInterrupt at the first signal, as Ctrl-C does. For use outside the loop, where no data can be lost.
 
     A further signal is ignored, so that what was begun is put away, unless that is stuck.
     """
@@ -126,7 +126,7 @@ class SignalGuard(_FirstSignal):
 
 
 def unexpected_error(error: BaseException) -> str:
-    """An unexpected error in one line: what it is, and where in this program."""
+    """Return an unexpected error in one line: what it is, and where in this program."""
     ours = [f for f in traceback.extract_tb(error.__traceback__) if _PACKAGE in Path(f.filename).parents]
     where = f" ({Path(ours[-1].filename).relative_to(_PACKAGE)}:{ours[-1].lineno})" if ours else ""
     try:
@@ -137,7 +137,10 @@ def unexpected_error(error: BaseException) -> str:
 
 
 def traceback_lines(error: BaseException) -> list[str]:
-    """The traceback of an error in lines. The error's message is one line, because its text may come from outside."""
+    """Return the traceback of an error in lines.
+
+    The error's message is one line, because its text may come from outside.
+    """
     lines: list[str] = []
     for part in traceback.format_exception(error):
         lines += part.splitlines() if part.startswith("  File ") else [part.strip("\n")]
@@ -153,7 +156,7 @@ def _set(handler: Any) -> dict[int, Any]:
 
 
 def _owner(handler: Any) -> object:
-    """The object whose method a handler is."""
+    """Return the object whose method a handler is."""
     return getattr(handler, "__self__", None)
 
 

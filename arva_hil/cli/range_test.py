@@ -41,7 +41,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _receivers(options: argparse.Namespace) -> list[tuple[str, Scenario]]:
-    """Each receiver of the scenario with its name, "" if it is the only one."""
+    """Return each receiver of the scenario with its name, "" if it is the only one."""
     chosen = load(options.scenario) if options.scenario else DEFAULT
     if options.seed is not None:
         chosen = replace(chosen, seed=options.seed)

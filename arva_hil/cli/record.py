@@ -71,7 +71,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def surveyed(options: argparse.Namespace) -> Scenario:
-    """The scenario of the surveyed transmitters. Raises UsageError."""
+    """Return the scenario of the surveyed transmitters. Raises UsageError."""
     try:
         return surveyed_scenario([Surveyed(*one) for one in options.transmitter or ()])
     except ValueError as error:
@@ -81,7 +81,7 @@ def surveyed(options: argparse.Namespace) -> Scenario:
 def receiver_log(
     options: argparse.Namespace, scenario: Scenario, session: Session, *, start: float, timeout: float
 ) -> ReceiverLog:
-    """The log with the options' format."""
+    """Return the log with the options' format."""
     form = FORMATS[options.format]
     return ReceiverLog(
         scenario,
@@ -95,7 +95,7 @@ def receiver_log(
 
 
 def about(options: argparse.Namespace, scenario: Scenario) -> dict[str, Any]:
-    """The entries of run.json that are known at the start."""
+    """Return the entries of run.json that are known at the start."""
     known = {"source": "receiver", "format": options.format, **known_at_start(scenario)}
     known["receiver"] = getattr(options, "receiver", None)
     known |= {"scenario_source": None, "seed": None}
@@ -103,7 +103,7 @@ def about(options: argparse.Namespace, scenario: Scenario) -> dict[str, Any]:
 
 
 def recorded_in(folder: str, epoch_us: int, known: dict[str, Any], *, patient: bool = False) -> Recorder:
-    """The recorder. Raises UsageError for a folder that has a record already."""
+    """Return the recorder. Raises UsageError for a folder that has a record already."""
     if not folder:
         raise UsageError("the record's name is empty: write the folder to make")
     return Recorder(Path(folder), epoch_us, known, layout=RecordLayout(real=True), patient=patient)

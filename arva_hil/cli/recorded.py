@@ -14,7 +14,7 @@ from arva_hil.records.reading import Recording, load
 
 
 def loaded(folder: str) -> Recording:
-    """The record in a folder, its notes told. Raises UsageError and RecordingError."""
+    """Return the record in a folder, its notes told. Raises UsageError and RecordingError."""
     if not folder:
         raise UsageError("the record's name is empty: write the folder that --record has written")
     recording = load(Path(folder))
@@ -30,7 +30,7 @@ def is_campaign(folder: str) -> bool:
 
 @contextlib.contextmanager
 def output(name: str, *recordings: Recording) -> Iterator[BinaryIO]:
-    """A file that replaces the one of this name when it is whole; stdout for "-". Says that it is written.
+    """Open a file that replaces the one of this name when it is complete; stdout for "-".
 
     Raises UsageError for one of the records' own files, and Failure.
     """
@@ -66,7 +66,7 @@ def make_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def needing(extra: str, what: str) -> Iterator[None]:
-    """For what needs an optional package. Raises UsageError with the cure when it is missing."""
+    """Raise UsageError with the cure if an optional package is missing in the block."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -89,7 +89,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:
-    """The vehicles in the log. Raises UsageError if the scenario's cannot be told apart there."""
+    """Return the vehicles in the log. Raises UsageError if the scenario's cannot be told apart there."""
     if chosen.vehicles:
         from arva_hil.cli.run_links import refuse_own  # with all kinds of links, which a replay does not need
 
@@ -161,7 +161,7 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
 
 
 def _progress(log: TlogReader, records: Iterator[Record]) -> Iterator[Record]:
-    """The log's records, with a progress bar."""
+    """Yield the log's records, with a progress bar."""
     with bar(log.size, "B", scaled=True) as shown_bar:
         shown = 0
         for record in records:

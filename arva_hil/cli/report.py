@@ -24,7 +24,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _folders(run: str, other: str | None) -> list[str]:
-    """The records to show: those named, or those in a folder that is none itself."""
+    """Return the records to show: those named, or those in a folder that is none itself."""
     if other is not None:
         return [run, other]
     folder = Path(run)

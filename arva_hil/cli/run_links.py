@@ -25,7 +25,7 @@ from arva_hil.runtime.signing_state import PersistentSigning, state_file
 
 
 def choose_autopilot(*ports: str | None) -> str:
-    """The one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
+    """Return the one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
     found = find_autopilot(list_ports(), exclude=[port.partition(",")[0] for port in ports if port])
     if len(found) > 1:
         names = ", ".join(p.device for p in found)
@@ -79,14 +79,14 @@ _OWN: Final = {"port": "each receiver has its own port", "target_system": "each 
 
 
 def refuse_own(options: argparse.Namespace, chosen: Scenario) -> None:
-    """Raises UsageError for options of which each vehicle or receiver of the scenario has its own."""
+    """Raise UsageError for options of which each vehicle or receiver of the scenario has its own."""
     for option, why in _OWN.items():
         if getattr(options, option) is not None:
             raise UsageError(f"--{option.replace('_', '-')}: {chosen.source} has vehicles, and {why}: leave it out")
 
 
 def chosen_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
-    """The links of a run. Raises UsageError if options or addresses do not fit together."""
+    """Return the links of a run. Raises UsageError if options or addresses do not fit together."""
     if not chosen.vehicles:
         return _one_vehicle(options, chosen.output_format)
     refuse_own(options, chosen)
@@ -117,7 +117,7 @@ def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
 
 
 def session(options: argparse.Namespace, **more: Any) -> Session:
-    """A session with the vehicle that the options choose. `more`: see `Session`."""
+    """Return a session with the vehicle that the options choose. `more`: see `Session`."""
     target = {"target_system": options.target_system, "target_component": options.target_component}
     return Session(**target, rate_hz=options.stream_rate, **more)
 
@@ -126,7 +126,7 @@ _LARGEST: Final = 4096  # bytes
 
 
 def signing(path: str | None, epoch_us: int, stack: ExitStack, link: int = 0) -> Signing | None:
-    """Signing with the key in a file. The clock reads 0 at `epoch_us` (µs since 1970). Raises UsageError.
+    """Return signing with the key in a file. The clock reads 0 at `epoch_us` (µs since 1970). Raises UsageError.
 
     Its time stamps continue those of the last program with this key. They are saved when `stack` is closed.
     """
@@ -174,7 +174,7 @@ UNKNOWN_PORT: Final = "pty:/tmp/arva0"
 def next_command(
     options: argparse.Namespace, autopilot: str, usb_ports: list[str], right: Mapping[str, str | None]
 ) -> str:
-    """The `run` command with the same options, where `right` replaces the wrong ones.
+    """Return the `run` command with the same options, where `right` replaces the wrong ones.
 
     `autopilot`: the address that was heard. `usb_ports`: where frames may go if no port was named. `right`: right
     values by the option's name; a word in capitals if the value is not known, None to leave the option out.

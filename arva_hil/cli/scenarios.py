@@ -21,7 +21,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _about(path: Path) -> str:
-    """The first sentence of the comment that a file begins with."""
+    """Return the first sentence of the comment that a file begins with."""
     comment: list[str] = []
     for line in path.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):

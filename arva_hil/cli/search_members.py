@@ -90,7 +90,7 @@ def _all_members(options: argparse.Namespace) -> list[Member]:
 def _team(
     options: argparse.Namespace, scenario: Scenario
 ) -> tuple[tuple[VehicleConfig, ...], TeamField, tuple[int, ...]]:
-    """The vehicles, what they divide, and their systems. Raises UsageError for a scenario that has no team."""
+    """Return the vehicles, what they divide, and their systems. Raises UsageError for a scenario that has no team."""
     source, vehicles = scenario.source, scenario.vehicles
     if options.victims != 1:
         raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
@@ -118,7 +118,7 @@ def _member(options: argparse.Namespace, vehicle: VehicleConfig, source: str) ->
 
 
 def _fitted(source: str, members: list[Member]) -> list[Member]:
-    """Members on the same link with one spelling of it. Raises UsageError if their links do not fit together."""
+    """Return the members, with one spelling of a shared link. Raises UsageError if their links do not fit together."""
     autopilots = {member.name: member.autopilot for member in members}
     try:
         check_links(source, {member.name: member.receiver for member in members}, autopilots)

@@ -21,7 +21,7 @@ _NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a dron
 
 
 def plan_of(options: argparse.Namespace, scenario: Scenario | None = None) -> SearchPlan:
-    """Of the options; `scenario`: whose receiver `--strip-width auto` means."""
+    """Return the plan of the options; `scenario`: that of the receiver of `--strip-width auto`."""
     return SearchPlan(
         STRATEGIES[options.strategy],
         speed=options.max_speed,
@@ -38,7 +38,7 @@ def plan_of(options: argparse.Namespace, scenario: Scenario | None = None) -> Se
 
 
 def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> float:
-    """As given, or as wide as a receiver allows. Raises UsageError."""
+    """Return the given width, or the width that a receiver allows. Raises UsageError."""
     given = options.strip_width
     if isinstance(given, float):
         return given
@@ -67,7 +67,7 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
 
 
 def describe(plan: SearchPlan) -> str:
-    """The way before the first signal, in words. Raises UsageError when it is too far for the time there is."""
+    """Return a line about the strips before the first signal. Raises UsageError if they take too much time."""
     lanes = Strips(plan.area, plan.speed, (0.0, 0.0, 0.0), width=plan.strip_width).lanes
     there = math.hypot(*lanes[0])
     way = there + sum(math.dist(a, b) for a, b in pairwise(lanes))

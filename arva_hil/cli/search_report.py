@@ -132,6 +132,6 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
 
 
 def would_order(planned: Iterable[Event]) -> list[dict[str, Any]]:
-    """The orders of a dry run, for a program: those of `WouldOrder` and `SetPointPlanned`, with their fields."""
+    """Return the orders of a dry run, for a program: those of `WouldOrder` and `SetPointPlanned`, with their fields."""
     every = [{"order": "SET_POSITION_TARGET_LOCAL_NED", **event_object(event)} for event in planned]
     return [{name: value for name, value in one.items() if name != "event"} for one in every]

@@ -9,7 +9,7 @@ from arva_hil.cli.options import CommandParser
 
 
 def options(parser: CommandParser) -> None:
-    """An emulated receiver and its vehicle for your tests, controlled by JSON lines.
+    """Run an emulated receiver and its vehicle for your tests, controlled by JSON lines.
 
     Prints one line {"control": …, "port": …}: the addresses of the control port and of the frames.
     Each request is a line, e.g. {"do": "advance", "seconds": 30}; so is each answer.

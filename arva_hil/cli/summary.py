@@ -26,7 +26,7 @@ _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 
 
 def lost_links(live: Live) -> list[str]:
-    """A line for each link that was lost."""
+    """Return a line for each link that was lost."""
     return [
         f"{_OF_LINKS.get(name, name)} was lost {link.losses} ×, and came back {link.returns} ×"
         for name, link in live.sinks.items()
@@ -35,7 +35,7 @@ def lost_links(live: Live) -> list[str]:
 
 
 def known_at_start(chosen: Scenario) -> dict[str, Any]:
-    """The entries of run.json that are known at the start. Of the libraries, those that this run uses."""
+    """Return the entries of run.json that are known at the start. Of the libraries, those that this run uses."""
     import platform  # slow to import, and only records need it
 
     machine = platform.uname()
@@ -62,7 +62,7 @@ def is_one(emulator: Emulator) -> bool:
 
 
 def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout) -> dict[str, Any]:
-    """The entries of run.json for vehicles and receivers at the end, and the `counts` of their links."""
+    """Return the entries of run.json for vehicles and receivers at the end, and the `counts` of their links."""
     if is_one(emulator):
         (vehicle,) = emulator.vehicles
         return _vehicle(vehicle) | {"counters": {**counters(emulator), **counts}}
@@ -82,7 +82,7 @@ def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout)
 
 
 def vehicle_entries(known: Vehicle | None, datum: Datum) -> dict[str, Any]:
-    """The entries of run.json for a vehicle; None for one that was not found."""
+    """Return the entries of run.json for a vehicle; None for one that was not found."""
     return {
         "vehicle": dataclasses.asdict(known) if known else None,
         "datum": datum.of_the_flight,
@@ -100,14 +100,14 @@ def _receiver(port: Port) -> dict[str, Any]:
 
 
 def counters(emulator: Emulator) -> dict[str, Any]:
-    """Every counter of a run of one vehicle with one receiver."""
+    """Return every counter of a run of one vehicle with one receiver."""
     (vehicle,) = emulator.vehicles
     ((_, port),) = vehicle.units
     return {**_receiver(port), **vehicle.session.counts(), "faults": port.fault_counts()}
 
 
 def summary_lines(emulator: Emulator) -> list[str]:
-    """The summary for a person."""
+    """Return the summary for a person."""
     one, lines = is_one(emulator), list[str]()
     users = Counter(vehicle.link for vehicle in emulator.vehicles)
     found = {vehicle.link for vehicle in emulator.vehicles if vehicle.session.vehicle}

@@ -98,7 +98,7 @@ def show_json(value: Any) -> None:
 
 @contextlib.contextmanager
 def binary_stdout() -> Iterator[BinaryIO]:
-    """Stdout, for data that are no lines. Raises StdoutError."""
+    """Open stdout for data that are no lines. Raises StdoutError."""
     with _stdout_errors():
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()
@@ -128,7 +128,7 @@ _FORM: Final = "{percentage:3.0f} % |{bar}| {n_fmt} of {total_fmt}{unit}, {remai
 
 
 def bar(total: int, unit: str, *, done: int = 0, scaled: bool = False, shown: bool = True) -> tqdm[Any]:
-    """A bar on stderr. It is erased when it is closed. `scaled`: numbers as 12.3k, for bytes."""
+    """Return a bar on stderr. It is erased when it is closed. `scaled`: numbers as 12.3k, for bytes."""
     from tqdm import tqdm  # slow to import
 
     return tqdm(
@@ -144,7 +144,7 @@ def bar(total: int, unit: str, *, done: int = 0, scaled: bool = False, shown: bo
 
 
 def time_left(done: int, more: int, after_s: float) -> str:
-    """The time that `more` will take if `done` took `after_s`, e.g. "about 0:17:25 left"; "" if it is not known yet."""
+    """Return the time for `more` if `done` took `after_s`, e.g. "about 0:17:25 left"; "" if unknown."""
     if not done or not more:
         return ""
     minutes, seconds = divmod(round(more * after_s / done), 60)
@@ -176,7 +176,7 @@ class TerminalQuestion:
         self._say(f"{label} is not known to be a simulator: propellers will turn. Type yes to let it fly: ")
 
     def answer(self) -> str | None:
-        """The line that was typed since then; None if there is none yet, "" if the terminal is closed."""
+        """Return the line typed since the question; None if there is none yet, "" if the terminal is closed."""
         try:
             while self._in_foreground() and select.select([self._fd], [], [], 0)[0]:
                 chunk = os.read(self._fd, _MOST)

@@ -16,12 +16,12 @@ from arva_hil.search.strategies.strategy import Found
 
 
 def name(id_: int | None) -> str:
-    """A transmitter's."""
+    """Return the name of a transmitter."""
     return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"
 
 
 def where(found: Found) -> str:
-    """A place from the take-off point, with its sigma."""
+    """Return a place from the take-off point, with its sigma."""
     spread = f" ± {sigma(found.sigma)}" if found.sigma is not None else ""
     return f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point{spread}"
 
@@ -45,7 +45,7 @@ def victims_found(outcome: Outcome) -> list[str]:
 
 
 def victims_as_dicts(outcome: Outcome) -> list[dict[str, Any]]:
-    """The list for a program."""
+    """Return the list as JSON objects."""
     origin = LocalFrame(*outcome.origin) if outcome.origin else None
     return [
         {

@@ -43,7 +43,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | None:
-    """The record in a folder, or of a log that is replayed first; None after a signal."""
+    """Return the record in a folder, or of a log that is replayed first; None after a signal."""
     folder = Path(options.record_or_log)
     if folder.is_file():
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
@@ -62,7 +62,7 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
 
 
 def _serve(address: HostPort, state: RecordedState) -> Server:
-    """The page of a record; every request says which time it wants to see. Raises WebError."""
+    """Return the page of a record; every request says which time it wants to see. Raises WebError."""
     lock = threading.Lock()
 
     def state_json(query: Mapping[str, str], client: int) -> bytes:
@@ -79,7 +79,7 @@ def _serve(address: HostPort, state: RecordedState) -> Server:
 
 
 def _seconds(text: str) -> float:
-    """A time in a request; the end of the record if it is none."""
+    """Return a time in a request; the end of the record if it is none."""
     try:
         return float(text)
     except ValueError:

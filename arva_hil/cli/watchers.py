@@ -26,7 +26,7 @@ _POSE: Final = ("GLOBAL_POSITION_INT", "ATTITUDE")
 def page_of_run(
     kind: str, options: argparse.Namespace, chosen: Scenario, say: Callable[[str], None], *, named: bool
 ) -> WebPage | None:
-    """The page of a run with a scenario, None if none is wanted. Raises WebError if it cannot be served.
+    """Return the page of a run with a scenario, None if none is wanted. Raises WebError if it cannot be served.
 
     `say` is told its address. `named`: there are several receivers.
     """
@@ -50,7 +50,10 @@ def page_of_run(
 
 
 def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Callable[[str], None]) -> WebPage | None:
-    """The page at an address, None for none and "off". Raises WebError if it cannot be served. `say`: see above."""
+    """Return the page at an address, None for none and "off".
+
+    Raises WebError if it cannot be served. `say`: see above.
+    """
     if not isinstance(wanted, HostPort):
         return None
     from arva_hil.observers.web.page import WebPage
@@ -74,7 +77,9 @@ def _served(where: str, address: HostPort, wanted: HostPort, who: str) -> Iterat
 
 
 def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch_us: int) -> list[Observer]:
-    """Those of --foxglove and --ros2; each has a `close`. Says where they are. Raises FoxgloveError, Ros2Error.
+    """Return the observers of --foxglove and --ros2, and print their addresses; each has a `close`.
+
+    Raises FoxgloveError, Ros2Error.
 
     `scenario`: of the run, None for a search. `epoch_us`: microseconds since 1970 at the loop's time 0.
     """

@@ -56,7 +56,7 @@ class _Axis(Constraint):
 
 
 def _each_once(values: Iterable[Any]) -> None:
-    """Raises ConstraintError for values that are there again."""
+    """Raise ConstraintError for values that occur twice."""
     seen: dict[Any, int] = {}
     again = [
         Violation("each once", f"{value} again", path=(at,), first=(first,))
@@ -229,13 +229,13 @@ def _by_strategy(plan: Any) -> Iterator[tuple[str, Number, Any]]:
 
 
 def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
-    """The plan in a file. Raises ScenarioError with all mistakes, those in its scenario files too."""
+    """Return the plan in a file. Raises ScenarioError with all mistakes, those in its scenario files too."""
     path = located(path)
     return parse_plan(read_text(path, "the plan of a campaign"), path)
 
 
 def parse_plan(text: str, source: str) -> CampaignPlan:
-    """The plan in `text`; files that it names are looked for from where `source` is. Raises ScenarioError."""
+    """Return the plan in `text`; files that it names are relative to `source`. Raises ScenarioError."""
     if "transmitters" in (names := keys_in(text)) and not names & {"strategies", "scenarios"}:
         expected = f"the plan of a campaign, which names a scenario, e.g. `scenarios: [{os.path.basename(source)}]`"
         raise ScenarioError([Problem(source, 1, 1, "a scenario", expected)])

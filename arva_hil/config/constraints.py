@@ -32,15 +32,15 @@ class Constraint:
     table: Any = None
 
     def read(self, value: Any) -> Any:
-        """The value, from a file or Python. Raises ConstraintError."""
+        """Return the value, from a file or Python. Raises ConstraintError."""
         raise NotImplementedError
 
     def plain(self, value: Any, spec: int) -> Any:
-        """The value as a file of a spec has it, in plain JSON types."""
+        """Return the value as a file of a spec has it, in plain JSON types."""
         return list(value) if isinstance(value, tuple) else value
 
     def json(self) -> dict[str, Any]:
-        """The JSON Schema of a value in a file."""
+        """Return the JSON Schema of a value in a file."""
         raise NotImplementedError
 
     @property
@@ -112,7 +112,7 @@ class Whole(Number):
 
 
 def whole(value: Any) -> int | None:
-    """The whole number (in a file of 19 digits at most) that a value is, None when it is something else."""
+    """Return the value as a whole number (of 19 digits at most in a file); None if it is none."""
     if isinstance(value, Scalar):
         return int(value.plain) if WHOLE.fullmatch(value.plain) else None
     return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
@@ -273,7 +273,7 @@ class ListOf(Constraint):
 
 
 def read_each(items: Sequence[Any], reads: Iterable[Callable[[Any], Any]]) -> tuple[list[Any], list[Violation]]:
-    """Every item read by its function, or what is given of it if it is wrong; and all that is wrong."""
+    """Read every item. Returns the values, or the given parts of wrong ones; and all problems."""
     values, violations = list[Any](), list[Violation]()
     for index, (item, read) in enumerate(zip(items, reads, strict=True)):
         try:

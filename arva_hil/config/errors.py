@@ -75,19 +75,19 @@ class ConstraintError(ArvaError, ValueError):
         return f"{self.of} {'; '.join(map(str, self.violations))}".lstrip()
 
     def below(self, *steps: str | int) -> list[Violation]:
-        """The violations of a part, as those of the whole."""
+        """Return the violations of a part, as those of the whole."""
         return [
             replace(one, path=(*steps, *one.path), first=one.first and (*steps, *one.first)) for one in self.violations
         ]
 
 
 def elsewhere(error: ScenarioError) -> ConstraintError:
-    """The error of a value that names a file with mistakes."""
+    """Return the error of a value that names a file with mistakes."""
     return ConstraintError(*(Violation(p.expected, p.found, problem=p) for p in error.problems))
 
 
 def wrong(expected: str, found: str | None = None, nearest: str | None = None) -> ConstraintError:
-    """The error for one value."""
+    """Return the error for one value."""
     return ConstraintError(Violation(expected, found, nearest))
 
 

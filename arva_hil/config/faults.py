@@ -102,7 +102,7 @@ class Fault(Table):
         return since
 
     def __str__(self) -> str:
-        """As on the command line."""
+        """Return the fault as on the command line."""
         plain = plain_fault(self)
         start, end = (f"{plain.pop(key):g}" if key in plain else "" for key in ("from_s", "until_s"))
         keys = (key if value is True else f"{key}={_short(value)}" for key, value in plain.items())
@@ -191,7 +191,7 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
 
 
 def plain_fault(fault: Fault) -> dict[str, Any]:
-    """The fault as plain JSON types; a file reads it back equal."""
+    """Return the fault as plain JSON types; a file reads it back equal."""
     plain: dict[str, Any] = {fault.name: True if FAULTS[fault.name].valid is None else fault.value}
     if fault.options is not None:
         own = asdict(fault.options)
@@ -209,7 +209,7 @@ _OPTION: Final = re.compile(rf"(\w+(?:=(?:{_VALUE}))?(?:,\w+(?:=(?:{_VALUE}))?)*
 
 
 def parse_fault(text: str) -> Fault:
-    """The fault that `NAME=VALUE,KEY=VALUE@FROM-UNTIL` is. Raises ValueError that says what is wrong with it."""
+    """Return the fault that `NAME=VALUE,KEY=VALUE@FROM-UNTIL` is. Raises ValueError that says what is wrong with it."""
     if share := re.search(r"=(\d+\.?\d*)%", text):
         raise ValueError(f"{text!r}: {share[1]}%, expected a share of 1: write {float(share[1]) / 100:g}")
     match = _OPTION.fullmatch(text)

@@ -21,7 +21,7 @@ FILES: Final[Mapping[SchemaKind, tuple[Any, str]]] = {
 
 
 def schema(kind: SchemaKind) -> dict[str, Any]:
-    """The JSON Schema (2020-12) of a kind of file."""
+    """Return the JSON Schema (2020-12) of a kind of file."""
     cls, title = FILES[kind]
     made = TableOf(cls).json() | {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
     if newer := [name for name, one in keys(cls).items() if one.since > 1]:
@@ -31,5 +31,5 @@ def schema(kind: SchemaKind) -> dict[str, Any]:
 
 
 def schema_text(kind: SchemaKind) -> str:
-    """The text of the file with the schema."""
+    """Return the text of the file with the schema."""
     return json.dumps(schema(kind), indent=2, ensure_ascii=False) + "\n"

@@ -65,7 +65,7 @@ class Mapping(dict[str, Any]):
                 self[name] = other[name]
 
     def tables(self, key: str) -> list[Mapping]:
-        """The mappings in a list."""
+        """Return the mappings in a list."""
         items = self.get(key)
         return [one for one in items if isinstance(one, Mapping)] if isinstance(items, Items) else []
 
@@ -74,7 +74,7 @@ Value = Scalar | Items | Mapping
 
 
 def value_of(node: Node, spec: int) -> Value:
-    """The value that a node of a file of this spec is."""
+    """Return the value of a node in a file of this spec."""
     import yaml  # slow; here it is imported already
 
     if isinstance(node, yaml.MappingNode):
@@ -83,10 +83,10 @@ def value_of(node: Node, spec: int) -> Value:
 
 
 def spec_of(value: Any) -> int:
-    """The spec of the file that a value is from; values of Python are of the newest."""
+    """Return the spec of the file that a value is from; values of Python are of the newest."""
     return getattr(value, "spec", NEWEST_SPEC)
 
 
 def folder_of(value: Any) -> str:
-    """The folder of the file that a scalar is from, "" for others."""
+    """Return the folder of the file that a scalar is from, "" for others."""
     return os.path.dirname(value.node.start_mark.name) if isinstance(value, Scalar) else ""

@@ -17,7 +17,7 @@ PREFIX: Final = "builtin:"
 
 
 def builtin_files() -> dict[str, Path]:
-    """The files by name, those of campaigns behind `campaigns/`; sorted."""
+    """Return the files by name, those of campaigns behind `campaigns/`; sorted."""
     package = Path(__file__).resolve().parents[1]
     installed, checkout = package / "configs", package.parent / "configs"
     folder = installed if installed.is_dir() else checkout
@@ -25,7 +25,7 @@ def builtin_files() -> dict[str, Path]:
 
 
 def located(path: str | os.PathLike[str]) -> str:
-    """The path of a scenario: of a built-in one for `builtin:NAME`, else `path` itself. Raises ScenarioError."""
+    """Return the path of a scenario: of a built-in one for `builtin:NAME`, else `path` itself. Raises ScenarioError."""
     name = os.fspath(path)
     if not name.startswith(PREFIX):
         return name
@@ -107,7 +107,7 @@ def _missing(name: nodes.Scalar, of: str) -> Problem | None:
 
 
 def read_profile(name: str, of: str) -> nodes.Mapping:
-    """The mapping in a profile's file, which is valid. Raises ScenarioError."""
+    """Return the mapping in a profile's file, which is valid. Raises ScenarioError."""
     from arva_hil.config.reading import read_text  # slow to import
 
     own = str(Path(nodes.folder_of(name)) / name)
@@ -116,7 +116,7 @@ def read_profile(name: str, of: str) -> nodes.Mapping:
 
 
 def parse_profile(text: str, of: str, source: str) -> nodes.Mapping:
-    """The mapping in the text of a profile, which is valid; `source` names it. Raises ScenarioError."""
+    """Return the mapping of a profile's text, which is valid; `source` names it. Raises ScenarioError."""
     from arva_hil.config.reading import read  # slow to import
 
     def checked(top: nodes.Value) -> nodes.Mapping:

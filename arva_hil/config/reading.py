@@ -29,16 +29,19 @@ class Problems:
         self.source = source
 
     def add(self, at: yaml.Mark, found: str, expected: str, nearest: str | None = None) -> None:
-        """One at a place."""
+        """Add a problem at a place."""
         self.found.append(Problem(self.source, at.line + 1, at.column + 1, found, expected, nearest))
 
     def fail(self, at: yaml.Mark, found: str, expected: str) -> NoReturn:
-        """Raises ScenarioError with the problems so far and this one, after which nothing can be read."""
+        """Raise ScenarioError with the problems so far and this one, after which nothing can be read."""
         self.add(at, found, expected)
         raise ScenarioError(self.found)
 
     def compose(self, text: str, what: str) -> yaml.Node:
-        """The node tree of a text, in which `what` should be. Raises ScenarioError when it is not YAML at all."""
+        """Return the node tree of a text, in which `what` should be.
+
+        Raises ScenarioError when it is not YAML at all.
+        """
         try:
             loader = _Loader(text, self)
         except yaml.reader.ReaderError as error:
@@ -112,7 +115,7 @@ def _is_part(parent: yaml.Node, event: yaml.Event) -> bool:
 
 
 def keys_in(text: str) -> set[str]:
-    """The keys of the mapping that a text is; none if it is none."""
+    """Return the keys of a text that is a mapping; otherwise none."""
     try:
         root = value_of(Problems("").compose(text, ""), 1)
     except ScenarioError:
@@ -121,13 +124,13 @@ def keys_in(text: str) -> set[str]:
 
 
 def end_of(text: str) -> yaml.Mark:
-    """The place behind a text; lines are counted as YAML does."""
+    """Return the place behind a text; lines are counted as YAML does."""
     lines = _BREAK.split(text)
     return yaml.Mark("", 0, len(lines) - 1, len(lines[-1]), None, 0)
 
 
 def text_of(node: yaml.Node) -> str:
-    """The text of a scalar, "" for others."""
+    """Return the text of a scalar, "" for others."""
     return str(node.value) if isinstance(node, yaml.ScalarNode) else ""
 
 
@@ -149,7 +152,10 @@ _LARGEST_FILE: Final = 1 << 20  # bytes
 
 
 def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_FILE) -> str:
-    """The text of a file of at most `largest` bytes. Raises ScenarioError if it cannot be read; `what` was expected."""
+    """Return the text of a file of at most `largest` bytes.
+
+    Raises ScenarioError if it cannot be read; `what` was expected.
+    """
     source = os.fspath(path)
     if not source:
         raise ScenarioError([Problem("''", 1, 1, "an empty name", what)])
@@ -237,7 +243,7 @@ def _key(violation: Violation) -> str:
 
 
 def _node(top: Value, path: Iterable[str | int], *, at_key: bool) -> yaml.Node:
-    """The node at a path, as far along it as there is one: of a key, or of a value."""
+    """Return the node at a path, as far along it as there is one: of a key, or of a value."""
     value: Any = top
     node: yaml.Node = top.node
     for step in path:
@@ -252,7 +258,7 @@ def _node(top: Value, path: Iterable[str | int], *, at_key: bool) -> yaml.Node:
 
 
 def _spec(problems: Problems, root: yaml.Node, newest: int) -> int:
-    """The spec of a file. Raises ScenarioError when it is newer than the program."""
+    """Return the spec of a file. Raises ScenarioError when it is newer than the program."""
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     node = next((value for key, value in pairs if isinstance(key, yaml.ScalarNode) and key.value == "spec"), None)
     if node is None:

@@ -34,7 +34,10 @@ def checked_options(model: str, options: Any) -> Any:
 
 
 def options_class(model: str | None) -> type[Any] | None:
-    """The class of a model's own keys, None if it has none or cannot be used. Raises KindError for no dataclass."""
+    """Return the class of a model's own keys, None if it has none or cannot be used.
+
+    Raises KindError for no dataclass.
+    """
     if model is None or model == PAPER:
         return None
     try:
@@ -47,7 +50,7 @@ def options_class(model: str | None) -> type[Any] | None:
 
 
 def schemas() -> dict[str, Any]:
-    """The JSON Schema of each own key of all models that are installed."""
+    """Return the JSON Schema of each own key of all models that are installed."""
     every: dict[str, Any] = {}
     for cls in filter(None, map(options_class, RECEIVERS.names())):
         for name, one in own_options.schemas(cls).items():
@@ -133,7 +136,7 @@ class ReceiverOptions(Table):
 
     @classmethod
     def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
-        """The keys of its model's own."""
+        """Return the model's own keys."""
         return read_options(valid_value(cls, mapping, "model"), mapping)
 
     def file_keys(self) -> dict[str, Any]:
@@ -142,7 +145,7 @@ class ReceiverOptions(Table):
 
     @classmethod
     def other_schemas(cls) -> dict[str, Any]:
-        """The JSON Schemas of the keys of models' own."""
+        """Return the JSON Schemas of the models' own keys."""
         return schemas()
 
     @classmethod

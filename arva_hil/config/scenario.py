@@ -123,7 +123,10 @@ DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
 
 
 def load(path: str | os.PathLike[str]) -> Scenario:
-    """The scenario in a file, or of a name as `builtin:default`. Raises ScenarioError, also when it cannot be read."""
+    """Return the scenario in a file, or of a name as `builtin:default`.
+
+    Raises ScenarioError, also when it cannot be read.
+    """
     path = located(path)
     from arva_hil.config.reading import read_text  # slow to import
 
@@ -131,7 +134,7 @@ def load(path: str | os.PathLike[str]) -> Scenario:
 
 
 def parse(text: str, source: str) -> Scenario:
-    """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
+    """Return the scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     from arva_hil.config.reading import read  # slow to import
 
     return read(text, source, WHAT, lambda top: _read(top, source), nodes.NEWEST_SPEC)
@@ -183,7 +186,7 @@ def _inherit(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> None:
 
 
 def to_dict(scenario: Scenario) -> dict[str, Any]:
-    """The scenario as plain JSON types with every default written out; `parse` reads it back equal."""
+    """Return the scenario as plain JSON types with every default written out; `parse` reads it back equal."""
     spec = 2 if newer_keys(scenario) else 1
     plain: dict[str, Any] = TableOf(Scenario).plain(scenario, spec)
     return {"spec": spec, **plain}

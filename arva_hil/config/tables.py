@@ -20,7 +20,7 @@ from arva_hil.errors import nearest
 
 
 def key(constraint: Constraint | None = None, help: str = "", *, since: int = 1, **more: Any) -> Any:
-    """A field of a table, and a key of files from spec `since` on. Without `help` it is no key of a file.
+    """Declare a field of a table, and a key of files from spec `since` on. Without `help` it is no key of a file.
 
     `constraint`: None if it is the table of the annotation. `more`: as of `dataclasses.field`, e.g. `default`.
     """
@@ -80,7 +80,7 @@ class Table:
 
     @classmethod
     def conflicts(cls, of: Any) -> Iterable[Violation]:
-        """The violations between values, of an object or of what is `Given` of one."""
+        """Return the violations between values of an object, or of a `Given` part of one."""
         return ()
 
     @classmethod
@@ -90,11 +90,11 @@ class Table:
 
     @classmethod
     def other_schemas(cls) -> Mapping[str, Any]:
-        """The JSON Schemas of keys that are not declared."""
+        """Return the JSON Schemas of keys that are not declared."""
         return {}
 
     def file_keys(self) -> Mapping[str, Any]:
-        """The keys of a file that are not as in Python."""
+        """Return the keys of a file that are not as in Python."""
         return {}
 
 
@@ -124,7 +124,7 @@ def _constraints(cls: Any, spec: int) -> dict[str, Constraint]:
 
 
 def newer_keys(value: Any) -> set[str]:
-    """The keys of a table, and of tables in it, that files of spec 1 do not have and that are not as usual."""
+    """Return the keys of a table, and of tables in it, that spec 1 does not have and that are not the default."""
     found = set()
     cls: Any = type(value)
     for name, one in keys(cls).items() if is_table(value) else ():
@@ -169,7 +169,7 @@ def _made(cls: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _described(violation: Violation, value: Any) -> Violation:
-    """A violation of values of Python, with what was found."""
+    """Return a violation of values of Python, with what was found."""
     for step in violation.path if violation.found is None else ():
         value = getattr(value, str(step)) if is_table(value) else value[step]
     return replace(violation, found=violation.found or short(repr(value)))
@@ -240,7 +240,7 @@ def _is_word(constraint: Constraint, value: Any) -> bool:
 
 
 def _json_default(one: Field) -> dict[str, Any]:
-    """The default of a key, if a file can have it as it is."""
+    """Return the default of a key, if a file can have it as it is."""
     if isinstance(one.default, tuple) and all(isinstance(item, int | float) for item in one.default):
         return {} if isinstance(one.constraint, TableOf) else {"default": list(one.default)}
     return {"default": one.default} if isinstance(one.default, str | int | float) else {}
@@ -253,7 +253,7 @@ def read_keys(
     one_of: Iterable[str] = (),
     newer: Mapping[str, Field] | None = None,
 ) -> tuple[dict[str, Any], list[Violation]]:
-    """The values of a mapping's keys, what is given of those that are wrong, and all that is wrong with the mapping.
+    """Read a mapping. Returns its values, the given parts of wrong ones, and all problems.
 
     `valid`: its keys. It has those in `required`, and exactly one of those in `one_of`, as far as they are valid.
     `newer`: the keys of files of any spec.
@@ -285,7 +285,7 @@ def read_keys(
 def unknown_key(
     mapping: Mapping[str, Any], name: str, valid: Collection[str], newer: Mapping[str, Field] | None = None
 ) -> Violation:
-    """A key that a mapping does not have, or that is there again."""
+    """Return the violation of an unknown or repeated key."""
     text, shown = name, repr(name)
     if hasattr(mapping, "key_nodes"):
         from arva_hil.config.reading import describe, text_of  # imports yaml; here it is imported already
@@ -320,7 +320,7 @@ def items_of(of: Any, key: str) -> list[tuple[tuple[str | int, ...], Any]]:
 
 
 def duplicates(items: Iterable[tuple[tuple[str | int, ...], Any]], key: str, what: str) -> Iterator[Violation]:
-    """The violations where several tables have the same value of a key; each table comes with its path."""
+    """Yield the violations where several tables have the same value of a key; each table comes with its path."""
     seen: dict[Any, tuple[str | int, ...]] = {}
     for path, one in items:
         value = getattr(one, key)

@@ -53,7 +53,7 @@ class Terrain(Constraint):
 
 
 def ground_conflicts(of: Any) -> Iterator[Violation]:
-    """Places of a scenario, or of what is given of one, at which its grid has no height, as far as they are known."""
+    """Yield a violation for each known place of a scenario at which its grid has no height."""
     grid, datum = of.terrain, of.datum
     if grid is None or grid == AUTOPILOT or not isinstance(datum, str | Lla):
         return
@@ -75,7 +75,7 @@ def ground_conflicts(of: Any) -> Iterator[Violation]:
 
 
 def load_grid(path: str) -> "TerrainGrid":
-    """The grid in a file. Raises ScenarioError with the first mistake."""
+    """Return the grid in a file. Raises ScenarioError with the first mistake."""
     try:
         of = os.stat(path)
     except (OSError, ValueError):
@@ -95,7 +95,7 @@ def _text(path: str) -> str:
 
 
 def parse_grid(text: str, source: str) -> "TerrainGrid":
-    """The grid in a text; `source` names it. Raises ScenarioError with the first mistake."""
+    """Return the grid in a text; `source` names it. Raises ScenarioError with the first mistake."""
     from arva_hil.model.field.terrain import TerrainGrid  # slow to import
 
     def fail(line: int, found: str, expected: str) -> ScenarioError:

@@ -39,7 +39,7 @@ _KEYING: Final = config.KeyingOptions()  # of a transmitter without any
 def transmitters(
     scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
 ) -> Transmitters:
-    """The scenario's transmitters in the NED frame `frame`, those that move where they begin.
+    """Return the scenario's transmitters in the NED frame `frame`, those that move where they begin.
 
     Those with a depth are below the `ScenarioGround` of `heights`; where it is not known they are unplaced.
     """
@@ -61,37 +61,37 @@ def transmitters(
 def moving_transmitters(
     scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
 ) -> MovingTransmitters:
-    """The scenario's transmitters at any time, in the NED frame `frame`."""
+    """Return the scenario's transmitters at any time, in the NED frame `frame`."""
     motions = {index: motion for index, t in enumerate(scenario.transmitters) if (motion := _motion(t))}
     return MovingTransmitters(transmitters(scenario, frame, heights), motions)
 
 
 def mount(scenario: config.Scenario) -> Mount:
-    """Position and attitude of the scenario's receiver on its vehicle."""
+    """Return position and attitude of the scenario's receiver on its vehicle."""
     m = scenario.receiver.mount
     return Mount(m.position, _quaternion(m.attitude))
 
 
 def receiver(scenario: config.Scenario) -> ReceiverModel:
-    """The scenario's receiver, without its faults."""
+    """Return the scenario's receiver, without its faults."""
     model: ReceiverModel = RECEIVERS[scenario.receiver.model].from_settings(scenario.receiver, scenario.seed)
     return model
 
 
 def sling(scenario: config.Scenario) -> Sling | None:
-    """The rope under the vehicle on which the receiver hangs; None if it is mounted."""
+    """Return the rope under the vehicle on which the receiver hangs; None if it is mounted."""
     options = scenario.receiver.mount.sling
     return Sling(options.length_m, options.damping) if options else None
 
 
 def vehicle_noise(scenario: config.Scenario) -> VehicleNoise | None:
-    """The motors' noise at the scenario's receiver; None if there is none."""
+    """Return the motors' noise at the scenario's receiver; None if there is none."""
     options = scenario.receiver.vehicle_noise
     return VehicleNoise(options.motors, options.motor_na_m, options.line_na_m) if options else None
 
 
 def outside_norm(scenario: config.Scenario) -> list[str]:
-    """One sentence for each value of a transmitter or receiver that is outside the norm, with the norm's limit."""
+    """Return a sentence for each value of a transmitter or receiver outside the norm, with the norm's limit."""
     of_vehicles = [one.receiver for vehicle in scenario.vehicles for one in vehicle.receivers]
     receivers = [one.options for one in of_vehicles or [scenario.receiver]]
     of_pulses = [one.reference_ua_m for one in receivers if hasattr(one, "reference_ua_m")]
@@ -138,7 +138,7 @@ def _quaternion(degrees: tuple[float, float, float]) -> quaternion.Quaternion:
 
 
 def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float]:
-    """NED [m]; the origin for one that follows a vehicle, where it is not used."""
+    """Return the place, NED [m]; the origin for one that follows a vehicle, where it is not used."""
     if transmitter.ned is not None:
         return transmitter.ned
     if transmitter.path is not None:

@@ -123,7 +123,7 @@ class Datum:
         return home == self._near
 
     def _take_position(self, session: Session, now: float) -> bool:
-        """Without a home: use the first position, after a time in which a home could have come."""
+        """Use the first position if no home has come in time."""
         first, life = session.track.first_position, (self._reboots, session.navigation.jumps)
         if first is None:
             self._first_position_at = None

@@ -194,13 +194,13 @@ class Emulator:
         return NOBODY if sender is None else vehicles.addressees
 
     def link_lost(self, link: str, why: str, now: float) -> None:
-        """A link is lost: until `link_back` nothing can be sent there, and silence does not count."""
+        """Handle a lost link: until `link_back` nothing can be sent there, and silence does not count."""
         self._lost.add(link)
         for vehicle in self._vehicles_on(link):
             vehicle.session.interrupt(why)
 
     def link_back(self, link: str, now: float) -> None:
-        """The link is back. Its vehicles may have rebooted."""
+        """Handle a link that is back. Its vehicles may have rebooted."""
         self._lost.discard(link)
         for vehicle in self._vehicles_on(link):
             vehicle.session.resume(now)
@@ -230,7 +230,7 @@ class Emulator:
                 self._events += vehicle.check_missing(now)
 
     def next_deadline(self) -> float:
-        """The latest time for the next call of `advance`."""
+        """Return the latest time for the next call of `advance`."""
         return min([self._next_status + _SLACK_S, *[vehicle.next_due for vehicle in self.vehicles]])
 
     def output(self) -> list[Output]:
@@ -239,7 +239,7 @@ class Emulator:
         return outputs
 
     def written(self, output: int, accepted: bool, now: float) -> None:
-        """The output with this id was written. `accepted`: the link has taken all of it."""
+        """Handle an output that was written. `accepted`: the link has taken all of it."""
         if (sent := self._unwritten.pop(output, None)) is not None:
             vehicle, port, parcel = sent
             quiet = port.link in self._lost or not (accepted or vehicle.session.vehicle)

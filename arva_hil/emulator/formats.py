@@ -40,7 +40,7 @@ class MavlinkFormat(NamedTuple):
 
 
 def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str = "") -> Frame:
-    """The frame for a reading. It is always marked as synthetic.
+    """Return the frame for a reading. It is always marked as synthetic.
 
     `measured`: see `firmware_proto.Format`. `time_s`: of the frame, from the start of the run.
     """
@@ -70,7 +70,7 @@ def _vector(c: ChannelReading, time_s: float) -> VectorChannel:
 
 
 def _level(c: ChannelReading, time_s: float) -> LevelChannel:
-    """The level of a receiver without a full scale of its own is in decibels relative to 1 nA/m."""
+    """Return the level, relative to 1 nA/m without a full scale of the receiver."""
     who = c.id, int(c.zone), c.marked
     if (pulse := c.pulse) is None:
         return LevelChannel(*who)
@@ -81,7 +81,7 @@ def _level(c: ChannelReading, time_s: float) -> LevelChannel:
 
 
 def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
-    """The encoder of a format: (frame, its instant in ms on the vehicle's clock) → bytes.
+    """Return the encoder of a format: (frame, its instant in ms on the vehicle's clock) → bytes.
 
     Formats inside MAVLink give b"" while there is no vehicle. Raises KindError for an unknown format.
     """
@@ -110,7 +110,10 @@ def _named(message: Callable[[int, bytes, int], Any], frame: Frame, boot_ms: int
 
 
 def named_values(frame: Frame) -> Iterator[tuple[bytes, int]]:
-    """Name and value of each valid channel and of channel 1. Names of 10 bytes at most; a float can hold the values."""
+    """Yield name and value of each valid channel and of channel 1.
+
+    Names of 10 bytes at most; a float can hold the values.
+    """
     for slot, channel in enumerate(frame.channels, 1):
         if slot > 1 and not channel.valid:
             continue
@@ -120,7 +123,7 @@ def named_values(frame: Frame) -> Iterator[tuple[bytes, int]]:
 
 
 def _debug_vect(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
-    """Two vectors of two channels each. The unsigned time_usec holds d as two's complement."""
+    """Return two vectors of two channels each. The unsigned time_usec holds d as two's complement."""
     pairs = [(c.d, c.delta) for c in frame.channels[:4]]
     pairs += [(-1, -1)] * (4 - len(pairs))
     (d1, a1), (d2, a2), (d3, a3), (d4, a4) = pairs

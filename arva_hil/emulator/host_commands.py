@@ -103,7 +103,7 @@ class HostCommands:
         return [event for command in commands if (event := self._take(command, now))]
 
     def answers(self, now: float, next_frame: float) -> list[tuple[bytes, CommandAnswered]]:
-        """The answers to send now; none shortly before a frame."""
+        """Return the answers to send now; none shortly before a frame."""
         if not self._answers or next_frame - now < _CLEAR_S:
             return []
         every = list(self._answers)
@@ -130,7 +130,7 @@ class HostCommands:
         return received
 
     def _result(self, command: Command, now: float) -> tuple[str, tuple[int, ...], str]:
-        """Result, values and text of the answer. Some commands do not need the model."""
+        """Return result, values and text of the answer. Some commands do not need the model."""
         name, values = command.name, command.values
         if name == IDENTIFY:
             return DONE, (self.channels,), self._identity

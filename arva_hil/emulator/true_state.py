@@ -53,7 +53,7 @@ class PoseError:
         self._begin()
 
     def true_pose(self, time_s: float, position: Array, attitude: Quaternion) -> tuple[Array, Quaternion]:
-        """True position (3,) NED [m] and attitude, body → NED, from the reported ones.
+        """Return true position (3,) NED [m] and attitude, body → NED, from the reported ones.
 
         `time_s`: from the start of the run; before the start the error is that of the start.
         """
@@ -136,7 +136,7 @@ class SimulatorTruth:
         return []
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
-        """The true state at `t` in the NED frame `frame`."""
+        """Return the true state at `t` in the NED frame `frame`."""
         return self.track.at(self._session.clock.boot(t), frame)
 
     def known_at(self, t: float) -> bool:
@@ -144,7 +144,7 @@ class SimulatorTruth:
         return self.track.is_known(self._session.clock.boot(t))
 
     def lacking(self) -> NoPose | None:
-        """Why there is no true state; None if the reason is that the vehicle reports no state."""
+        """Return the reason why there is no true state; None if the vehicle reports no state."""
         if self._session.track.newest is None:
             return None
         return NoPose("no truth", message=dialect.mavlink_map[self._asked].msgname if self._asked else "")
@@ -164,13 +164,13 @@ class SimulatorTruth:
 
 
 def _sim_state(m: Any, boot: float) -> _Pose:
-    """The pose in a SIM_STATE. Its `lat` and `lon` are not used: they are floats, which is too coarse."""
+    """Return the pose in a SIM_STATE. Its `lat` and `lon` are not used: they are floats, which is too coarse."""
     position = PositionSample(boot, m.lat_int * 1e-7, m.lon_int * 1e-7, m.alt, (m.vn, m.ve, m.vd))
     return position, AttitudeSample(boot, (m.q1, m.q2, m.q3, m.q4), (m.xgyro, m.ygyro, m.zgyro))
 
 
 def _hil_state_quaternion(m: Any, boot: float) -> _Pose:
-    """The pose in a HIL_STATE_QUATERNION. The sign of the quaternion has no meaning."""
+    """Return the pose in a HIL_STATE_QUATERNION. The sign of the quaternion has no meaning."""
     velocity = m.vx * 1e-2, m.vy * 1e-2, m.vz * 1e-2
     position = PositionSample(boot, m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3, velocity)
     return position, AttitudeSample(boot, tuple(m.attitude_quaternion), (m.rollspeed, m.pitchspeed, m.yawspeed))
@@ -190,7 +190,7 @@ def _is_pose(position: PositionSample, attitude: AttitudeSample) -> bool:
 
 
 def true_state(scenario: Scenario, session: Session, start: float) -> ReportWithError | SimulatorTruth | None:
-    """The true state according to the scenario; None if it is the reported state. `start`: of the run."""
+    """Return the true state according to the scenario; None if it is the reported state. `start`: of the run."""
     if scenario.pose == "truth":
         return SimulatorTruth(session)
     error = scenario.navigation_error

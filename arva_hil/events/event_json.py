@@ -33,25 +33,25 @@ NOT_NEWS: Final = (FrameMade, *_DRAWN)  # frames have objects of their own; the 
 
 
 def event_name(kind: type[Event]) -> str:
-    """The class's name in lower case, words joined by "_": PoseLost is "pose_lost"."""
+    """Return the class's name in lower case, words joined by "_": PoseLost is "pose_lost"."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
 
 
 def event_json(event: Event) -> str | None:
-    """An event as a JSON object of numbers, strings, lists, true, false and null; None for those in NOT_NEWS."""
+    """Return an event as a JSON object of numbers, strings, lists, true, false and null; None for those in NOT_NEWS."""
     told = event.event if isinstance(event, FromSearch) else event
     return None if isinstance(told, NOT_NEWS) else json.dumps(event_object(event))
 
 
 def event_object(event: Event) -> dict[str, Any]:
-    """Any event as a dictionary that JSON can take."""
+    """Return any event as a dictionary that JSON can take."""
     if isinstance(event, FromSearch):
         return {**event_object(event.event), "by": "search"} | ({"of": event.vehicle} if event.vehicle else {})
     return {"event": event_name(type(event)), **_fields(event)}
 
 
 def event_of(said: Mapping[str, Any]) -> Event | None:
-    """The event that such a dictionary was made of; None if that is not known or it has values inside values.
+    """Return the event of such a dictionary; None if that is not known or it has values inside values.
 
     The types of its values are not checked.
     """
@@ -71,7 +71,7 @@ def _kinds() -> Mapping[str, type[Event]]:
 
 
 def _fields(value: Any, prefix: str = "") -> dict[str, Any]:
-    """Fields by name. The fields of a nested value are named `name_field`; reasons are in words."""
+    """Return the fields by name. The fields of a nested value are named `name_field`; reasons are in words."""
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(value):
         name, part = prefix + field.name, getattr(value, field.name)
@@ -83,7 +83,7 @@ def _fields(value: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Tuples become lists; NaN and infinity become None."""
+    """Return a value with lists for tuples, and None for NaN and infinity."""
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -77,14 +77,14 @@ class Link(ABC):
 
     @abstractmethod
     def read(self) -> bytes:
-        """All bytes that have arrived, b"" if there are none. Raises LinkError if the link is lost."""
+        """Return all bytes that have arrived, b"" if there are none. Raises LinkError if the link is lost."""
 
     @abstractmethod
     def write(self, data: bytes) -> bool:
         """Send all of `data`; or drop all of it, count it and return False. Raises LinkError if the link is lost."""
 
     def receive(self) -> list[tuple[Sender, bytes]]:
-        """As `read`, but with separate bytes for each sender: (sender, bytes), the peer first."""
+        """Read as `read`, but with separate bytes for each sender: (sender, bytes), the peer first."""
         data = self.read()
         return [(None, data)] if data else []
 
@@ -117,7 +117,7 @@ class Link(ABC):
             raise LinkError(self.name, "is closed")
 
     def fileno(self) -> int | None:
-        """A descriptor to wait on; None if there is none, and `ready` must be polled."""
+        """Return a descriptor to wait on; None if there is none, and `ready` must be polled."""
         return self._fd if self._open else None
 
     def ready(self) -> bool:
@@ -235,7 +235,7 @@ class StreamLink(Link):
             self._rest = self._rest[self._push(self._rest) :]
 
     def _push(self, data: bytes) -> int:
-        """The number of bytes that the system accepted."""
+        """Return the number of bytes that the system accepted."""
         try:
             return self._send(data)
         except BlockingIOError:

@@ -61,7 +61,7 @@ def grow(path: Path, mode: int = _MODE) -> FileIO:
 
 @contextlib.contextmanager
 def replacing(path: Path, mode: int = _MODE) -> Iterator[BinaryIO]:
-    """A file to write, which replaces `path` atomically at the end of the block. It is on the disk then.
+    """Open a file that replaces `path` atomically at the end of the block. It is on the disk then.
 
     A reader gets either the old or the new file. A symlink of this name is replaced, not followed. Raises OSError;
     after that or any other error the old file is still there.

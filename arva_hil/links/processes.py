@@ -16,7 +16,7 @@ _LISTENS: Final = {"tcp": "0A", "udp": "07"}
 
 
 def far_program(device: str) -> str:
-    """The command of the program with the master of a pseudo-terminal; "" if it is unknown or not one.
+    """Return the command of the program with the master of a pseudo-terminal; "" if it is unknown or not one.
 
     The system reuses the numbers of pseudo-terminals, so another program may have the same device later.
     """
@@ -27,7 +27,7 @@ def far_program(device: str) -> str:
 
 
 def holders(device: str) -> list[str]:
-    """Each process that has a device open, as `1234 (command)`."""
+    """Return each process that has a device open, as `1234 (command)`."""
     real = os.path.realpath(device)
     return _shown(lambda process: any(_is_here(fd, real) for fd, target in _descriptors(process) if target == real))
 
@@ -48,7 +48,7 @@ def other_readers(device: str) -> list[str]:
 
 
 def listeners(port: int, protocol: str) -> list[str]:
-    """Each process that listens at a port of this machine, as `1234 (command)`. `protocol`: tcp or udp."""
+    """Return each process that listens at a port of this machine, as `1234 (command)`. `protocol`: tcp or udp."""
     rows = _sockets(protocol)
     inodes = {f"socket:[{row.inode}]" for row in rows if row.near == port and row.state == _LISTENS[protocol]}
     return _shown(lambda process: any(target in inodes for _, target in _descriptors(process))) if inodes else []
@@ -68,7 +68,7 @@ def accepted(port: int) -> bool | None:
 
 
 def unread(device: str) -> int:
-    """The number of unread bytes in a terminal; 0 if it is not known."""
+    """Return the number of unread bytes in a terminal; 0 if it is not known."""
     with contextlib.suppress(ImportError, OSError):
         import fcntl
         import termios
@@ -86,7 +86,7 @@ def _shown(wanted: Callable[[str], bool]) -> list[str]:
 
 
 def _processes(wanted: Callable[[str], bool]) -> Iterator[tuple[str, str]]:
-    """The folder and the command of each process that is wanted, by process id."""
+    """Yield the folder and the command of each wanted process, by process id."""
     for process in sorted(glob.glob("/proc/[0-9]*"), key=lambda path: int(os.path.basename(path))):
         with contextlib.suppress(OSError):  # another user's, or it has ended
             if wanted(process):
@@ -95,7 +95,7 @@ def _processes(wanted: Callable[[str], bool]) -> Iterator[tuple[str, str]]:
 
 
 def _descriptors(process: str) -> Iterator[tuple[str, str]]:
-    """The path of each descriptor of a process, and what it leads to."""
+    """Yield the path of each descriptor of a process, and what it leads to."""
     for fd in os.listdir(f"{process}/fd"):
         with contextlib.suppress(FileNotFoundError):  # it has been closed meanwhile
             yield (path := f"{process}/fd/{fd}"), os.readlink(path)

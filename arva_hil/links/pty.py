@@ -23,7 +23,7 @@ _LONGEST: Final = 40  # symlinks in a chain; Linux follows no more
 
 
 def target(link: str) -> str:
-    """The target of a symlink as written; "" if `link` is not a symlink."""
+    """Return the target of a symlink as written; "" if `link` is not a symlink."""
     try:
         return os.readlink(link)
     except OSError:
@@ -154,7 +154,7 @@ class PtyLink(FdLink):
         raise BlockingIOError
 
     def _current(self) -> list[Any] | None:
-        """The terminal's settings; None after a hang-up, which makes every descriptor of the slave useless."""
+        """Return the terminal's settings; None after a hang-up, which makes every descriptor of the slave useless."""
         import termios
 
         try:

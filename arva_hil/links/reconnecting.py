@@ -116,7 +116,7 @@ class ReconnectingLink(Link):
         return self._open and self._attempt is not None and self._attempt.done()
 
     def _current(self) -> Link | None:
-        """The link, after a try to open it again if it is away."""
+        """Return the link; try to open it if it is lost."""
         self._check_open()
         now = self._clock.now()
         if self._link is None:

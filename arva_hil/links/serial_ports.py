@@ -50,7 +50,7 @@ class SerialPort(NamedTuple):
 
 
 def list_ports() -> list[SerialPort]:
-    """Every serial port of this machine, by device name."""
+    """Return every serial port of this machine, by device name."""
     from serial.tools.list_ports import comports
 
     stable = _stable_names()
@@ -71,7 +71,7 @@ def list_ports() -> list[SerialPort]:
 
 
 def find_autopilot(ports: Iterable[SerialPort], exclude: Collection[str] = ()) -> list[SerialPort]:
-    """The ports that look like an autopilot. If a board has several interfaces, only the first.
+    """Return the ports that look like an autopilot. If a board has several interfaces, only the first.
 
     `exclude`: ports that are used for something else, as devices, stable names or symlinks.
     """
@@ -84,7 +84,7 @@ def find_autopilot(ports: Iterable[SerialPort], exclude: Collection[str] = ()) -
 
 
 def stable_name(device: str) -> str:
-    """The name by which a port is found after it is plugged in again; `device` if there is no stable name.
+    """Return the name by which a port is found after it is plugged in again; `device` if there is no stable name.
 
     A symlink is kept as it is.
     """
@@ -92,7 +92,7 @@ def stable_name(device: str) -> str:
 
 
 def _stable_names() -> dict[str, str]:
-    """Device → its name in /dev/serial/by-id."""
+    """Return the name in /dev/serial/by-id of each device."""
     return {os.path.realpath(path): path for path in sorted(glob.glob("/dev/serial/by-id/*"))}
 
 

@@ -19,7 +19,7 @@ class SharedLink:
         self._users: list[LinkUser] = []
 
     def user(self) -> Link:
-        """One more user of the link."""
+        """Add a user of the link."""
         user = LinkUser(self)
         self._users.append(user)
         return user
@@ -48,7 +48,7 @@ class LinkUser(Link):
         self.note()
 
     def put(self, sender: Sender, data: bytes) -> None:
-        """Something came on the link."""
+        """Add bytes that came on the link."""
         if self._pinned and sender != self._peer:
             return
         if self._size + len(data) > _MOST:
@@ -58,7 +58,7 @@ class LinkUser(Link):
         self._size += len(data)
 
     def note(self) -> None:
-        """The state of the link is that of all its users."""
+        """Give the state of the link to all its users."""
         link = self._shared.link
         self.name, self.why, self.losses, self.renewals = link.name, link.why, link.losses, link.renewals
         self.returns = link.returns
@@ -86,4 +86,4 @@ class LinkUser(Link):
         return bool(self._waiting) or self._shared.link.ready()
 
     def close(self) -> None:
-        """Nothing: the link is not this user's."""
+        """Do nothing: the link is not this user's."""

@@ -81,7 +81,7 @@ class StdoutLink(Link):
 
 
 def open_stdout() -> StdoutLink:
-    """Standard output without its buffer. A buffer would fail again at exit if the reader is gone."""
+    """Open standard output without its buffer. A buffer would fail again at exit if the reader is gone."""
     buffer = sys.stdout.buffer
     return StdoutLink(getattr(buffer, "raw", buffer))
 

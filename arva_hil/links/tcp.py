@@ -84,7 +84,7 @@ def set_up(sock: socket.socket, *, answered: bool) -> None:
 
 
 def resolve(name: str, host: str, port: int, kind: int) -> tuple[int, Any]:
-    """The address family and socket address of a host. Raises LinkError if it is unknown."""
+    """Return the address family and socket address of a host. Raises LinkError if it is unknown."""
     try:
         found = socket.getaddrinfo(host, port, type=kind)[0]
     except (socket.gaierror, UnicodeError) as error:
@@ -93,7 +93,7 @@ def resolve(name: str, host: str, port: int, kind: int) -> tuple[int, Any]:
 
 
 def listen_error(name: str, error: OSError, port: int, protocol: Literal["tcp", "udp"]) -> LinkError:
-    """Why it is not possible to listen at an address, and the cure."""
+    """Return the error of an address at which listening failed, with the cure."""
     if error.errno == errno.EADDRINUSE:
         what, hint = "another program listens there", "take another port"
         if protocol == "udp":

@@ -136,7 +136,7 @@ class TcpServerLink(SeveralSenders):
             self._selector.unregister(self._listener)
 
     def _dispensable(self) -> Sender:
-        """The client to drop for the next one: one that closed its sending side, else the most silent stranger."""
+        """Return the client to drop for a new one: one that closed its sending side, else the most silent stranger."""
         if mute := [sender for sender, client in self._clients.items() if client.mute]:
             return mute[0]
         if self._others is None:

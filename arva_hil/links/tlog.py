@@ -24,7 +24,7 @@ _AHEAD: Final = 4 * LONGEST  # bytes kept in the buffer: a record and those need
 
 
 def tlog_record(time_us: int, raw: bytes) -> bytes:
-    """The bytes of one record: a packet received at `time_us`, microseconds since 1970, 0 to 2**64 - 1."""
+    """Return the bytes of one record: a packet received at `time_us`, microseconds since 1970, 0 to 2**64 - 1."""
     if not 0 <= time_us < 1 << 64:
         raise ValueError(f"time_us must be 0 to 2**64 - 1, is {time_us}")
     return time_us.to_bytes(8, "big") + raw

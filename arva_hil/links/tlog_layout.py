@@ -34,7 +34,7 @@ BARE: Final = TlogLayout("no times", "", rb"[\xfd\xfe]", 10)
 
 
 def look(buffer: bytes, at: int, layout: TlogLayout) -> tuple[int, int]:
-    """Length [bytes] and time [µs] of the record at `at`; (0, 0) if its time or magic is impossible."""
+    """Return length [bytes] and time [µs] of the record at `at`; (0, 0) if its time or magic is impossible."""
     if at + layout.size > len(buffer):
         return 0, 0
     if layout is BARE:
@@ -75,7 +75,7 @@ def is_step(buffer: bytes, at: int, before: int | None, layout: TlogLayout) -> b
 
 
 def find(buffer: bytes, start: int, stop: int, near: int | None, layout: TlogLayout) -> int | None:
-    """The start of the first record in [start, stop) that is followed by another one or by the buffer's end."""
+    """Return the start of the first record in [start, stop) that is followed by another one or by the buffer's end."""
     found = layout.begins.search(buffer, start)
     while found and found.start() < stop:
         at = found.start()
@@ -91,7 +91,7 @@ def find(buffer: bytes, start: int, stop: int, near: int | None, layout: TlogLay
 
 
 def layout_of(start: bytes) -> TlogLayout:
-    """The layout of the file with these first bytes."""
+    """Return the layout of the file with these first bytes."""
     if _row(start, 0, BIG):
         return BIG
     if _covered(start, LITTLE) > (big := _covered(start, BIG)):
@@ -100,7 +100,7 @@ def layout_of(start: bytes) -> TlogLayout:
 
 
 def _row(buffer: bytes, at: int, layout: TlogLayout) -> int:
-    """Bytes of the records in a row from `at` on; 0 if so few may be chance."""
+    """Return bytes of the records in a row from `at` on; 0 if so few may be chance."""
     start, count, near = at, 0, 0
     while True:
         length, time_us = look(buffer, at, layout)
@@ -110,7 +110,7 @@ def _row(buffer: bytes, at: int, layout: TlogLayout) -> int:
 
 
 def _covered(buffer: bytes, layout: TlogLayout) -> int:
-    """Bytes of records in rows that cannot be chance."""
+    """Return bytes of records in rows that cannot be chance."""
     covered = 0
     found = layout.begins.search(buffer)
     while found:

@@ -88,7 +88,7 @@ class Timeline(Iterator[Record]):
             yield record
 
     def _placed(self, record: Record, heard: int) -> int:
-        """The time [µs] of a record whose stamp is not continuous."""
+        """Return the time [µs] of a record whose stamp is not continuous."""
         self._read_ahead(record.time_us)
         follows = any(-_BACK_US <= r.time_us + self._shift - heard <= _AHEAD_US for r in list(self._ahead)[:2])
         if follows or not self._ahead:
@@ -118,7 +118,7 @@ class Timeline(Iterator[Record]):
             self._ahead.append(record)
 
     def _told_by_boot_times(self, record: Record) -> int | None:
-        """The time of a record [µs], by boot times of vehicles that are heard before and after it.
+        """Return the time of a record [µs], by boot times of vehicles before and after it.
 
         None if there is no such vehicle, or if no two boot times agree. The least delayed message counts.
         """
@@ -144,7 +144,10 @@ class Timeline(Iterator[Record]):
             yield Record(heard, record.raw)
 
     def _advanced(self, source: _Source, boot_us: int, heard: int) -> int:
-        """The time [µs] of a boot time. One that is not continuous is used only if the next one agrees with it."""
+        """Return the time [µs] of a boot time.
+
+        One that is not continuous is used only if the next one agrees with it.
+        """
         if source not in self._clocks:
             if len(self._clocks) < _MOST_SOURCES:
                 self._clocks[source] = heard - boot_us
@@ -170,7 +173,7 @@ class Timeline(Iterator[Record]):
 
 
 def _boot_time(raw: bytes) -> tuple[_Source, int] | None:
-    """The sender of a packet and its boot time [µs]; None if the packet has no boot time."""
+    """Return the sender of a packet and its boot time [µs]; None if the packet has no boot time."""
     if raw[0] == 0xFD:
         if len(raw) < 12 or raw[7] not in _BOOT_IDS or raw[8] or raw[9]:
             return None

@@ -42,7 +42,7 @@ class _UdpLink(Link):
         return b"".join([datagram for datagram, _ in self._datagrams()])
 
     def _datagrams(self) -> Iterator[tuple[bytes, Any]]:
-        """The datagrams that came, with their senders; at most what one read should return."""
+        """Yield the datagrams that came, with their senders; at most what one read should return."""
         size = 0
         for _ in range(AT_ONCE // 1024):
             try:

@@ -57,7 +57,7 @@ class Address(NamedTuple):
 
 
 def show(host: str, port: int) -> str:
-    """A host and a port as in a connection string."""
+    """Return a host and a port as in a connection string."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
@@ -135,7 +135,7 @@ def _network(text: str, scheme: str, rest: str) -> Address:
 
 
 def _serial(text: str, rest: str, *, colon: bool) -> Address:
-    """A device and its baud rate, after a comma; after a scheme a colon is allowed too."""
+    """Return a device and its baud rate, after a comma; after a scheme a colon is allowed too."""
     path, comma, baud = rest.rpartition(",")
     if not comma:
         path, baud = rest, ""
@@ -153,7 +153,7 @@ def _serial(text: str, rest: str, *, colon: bool) -> Address:
 
 
 def place(url: str) -> Address:
-    """An address that is equal for all spellings of the same link. Raises AddressError."""
+    """Return an address that is equal for all spellings of the same link. Raises AddressError."""
     where = parse(url)
     host = _LOOPBACK if where.host.lower() == "localhost" else where.host
     return where._replace(host=host, path=os.path.realpath(where.path) if where.path else "", baud=None)
@@ -169,7 +169,7 @@ def excludes(one: Address, other: Address) -> bool:
 
 
 def _target(rest: str) -> str:
-    """The typed host:port, completed for an example."""
+    """Return the typed host:port, completed for an example."""
     host, _, port = rest.rpartition(":")
     if not port.isdecimal():
         host, port = host or port, "14550"

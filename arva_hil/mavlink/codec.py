@@ -41,7 +41,7 @@ class Encoder:
             self._codec.signing.secret_key, self._codec.signing.link_id = signing.key, signing.link
 
     def pack(self, message: Message) -> bytes:
-        """The bytes of one packet. Raises ValueError if a value does not fit; long text is cut."""
+        """Return the bytes of one packet. Raises ValueError if a value does not fit; long text is cut."""
         msgid = type(message).id  # some messages have a field `id`
         first = self.version == 1 and msgid <= 255
         layout = None if first or self._signing else layout_of(msgid)
@@ -69,7 +69,7 @@ class Encoder:
 
 
 def _without_extensions(raw: bytes, msgid: int) -> bytes:
-    """A MAVLink 1 packet without the extension fields of MAVLink 2, which pymavlink leaves in."""
+    """Return a MAVLink 1 packet without the extension fields of MAVLink 2, which pymavlink leaves in."""
     length = length_v1(msgid)
     if raw[1] == length:
         return raw

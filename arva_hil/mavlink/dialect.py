@@ -25,7 +25,10 @@ _CODES: Final = {"uint8_t": "B", "uint32_t": "I", "uint64_t": "Q", "int32_t": "i
 
 
 def _lacking(msgid: int, name: str, crc_extra: int, fields: str) -> Any:
-    """A class of messages, shaped as pymavlink's own are. `fields`: "type name" or "type name[length]" of each."""
+    """Return a class of messages, shaped as pymavlink's own are.
+
+    `fields`: "type name" or "type name[length]" of each.
+    """
     rows = [(kind, *field.rstrip("]").partition("[")[::2]) for kind, field in map(str.split, fields.split(","))]
     ordered = sorted(rows, key=lambda row: -_BYTES[row[0]])
     names = [field for _, field, _ in rows]
@@ -72,7 +75,7 @@ EscStatus: Final = _lacking(
 
 
 def command(system: int, component: int, number: int, *params: float) -> Any:
-    """The COMMAND_LONG `number` for a component. Missing parameters are 0."""
+    """Return the COMMAND_LONG `number` for a component. Missing parameters are 0."""
     message = ardupilotmega.MAVLink_command_long_message
     return message(system, component, number, 0, *params, *[0.0] * (7 - len(params)))
 
@@ -89,7 +92,7 @@ def untunnel(message: Any) -> bytes:
 
 @functools.cache
 def length_v1(msgid: int) -> int:
-    """Bytes of a message's payload without extension fields, which are not part of its CRC_EXTRA.
+    """Return the number of bytes of a message's payload without extension fields, which are not part of its CRC_EXTRA.
 
     https://mavlink.io/en/guide/serialization.html#crc_extra
     """

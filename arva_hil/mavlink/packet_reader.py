@@ -29,7 +29,7 @@ _MOST_RESTS: Final = 8  # senders of which a part of a packet is kept
 
 
 def usual_packet(data: bytes, at: int) -> Packet | None:
-    """The packet at `at`, if it is MAVLink 2, complete, known and correct, as nearly all are; else None."""
+    """Return the packet at `at`, if it is MAVLink 2, complete, known and correct, as nearly all are; else None."""
     if len(data) - at < _HEAD_V2_BYTES:
         return None
     magic, length, flags, system, component, msgid = _head(data, at)
@@ -60,7 +60,7 @@ class Parser:
         self._good_at = -1  # the position of a packet in the present data that was verified in advance
 
     def feed(self, chunk: bytes, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
-        """The packets completed by `chunk`, which may be cut anywhere. Never raises.
+        """Return the packets completed by `chunk`, which may be cut anywhere. Never raises.
 
         `sender`: one of several on the link; their bytes are never joined. `whole`: no packet continues in the next
         chunk, as in a record of a log; the header of a longer packet is then a false one.
@@ -99,7 +99,7 @@ class Parser:
         return packets
 
     def cut(self) -> None:
-        """The stream is interrupted: incomplete packets will never be completed."""
+        """Handle an interruption of the stream: incomplete packets will never be completed."""
         self.skipped += sum(map(len, self._rests.values()))
         self._rests.clear()
 
@@ -110,7 +110,7 @@ class Parser:
         self._rests[sender] = rest
 
     def _candidate(self, data: bytes, at: int, size: int) -> Packet | None:
-        """The candidate at `at` as a packet; None if it is none.
+        """Return the candidate at `at` as a packet; None if it is none.
 
         The checksum of an unknown message id cannot be verified. Such a candidate is accepted only if the next byte, if
         any, starts a packet, if no verified packet starts inside it, and if its flags are known.
@@ -175,7 +175,7 @@ class PacketReader:
 
 
 def _size(data: bytes, at: int) -> int:
-    """Size [bytes] of the packet at `at`, 0 if there is none; of a header, if the header is incomplete."""
+    """Return size [bytes] of the packet at `at`, 0 if there is none; of a header, if the header is incomplete."""
     magic = data[at]
     if magic == _MAGIC_V2:
         if at + 3 > len(data):
@@ -187,14 +187,14 @@ def _size(data: bytes, at: int) -> int:
 
 
 def _msgid(data: bytes, at: int) -> int | None:
-    """The message id of the packet at `at`; None if its header is incomplete."""
+    """Return the message id of the packet at `at`; None if its header is incomplete."""
     if data[at] == _MAGIC_V1:
         return data[at + 5] if at + 6 <= len(data) else None
     return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if at + 10 <= len(data) else None
 
 
 def _first_good(data: bytes, start: int, stop: int) -> int:
-    """The position of the first complete packet with a correct checksum in [start, stop); -1 if there is none."""
+    """Return the position of the first complete packet with a correct checksum in [start, stop), or -1."""
     for found in _MAGIC.finditer(data, start, stop):
         at = found.start()
         msgid = _msgid(data, at)

@@ -44,14 +44,14 @@ class KeptTimeStamps:
     streams: Mapping[Stream, int] = field(default_factory=dict)
 
     def with_others(self, others: KeptTimeStamps) -> KeptTimeStamps:
-        """The later time stamp of each stream."""
+        """Return the later time stamp of each stream."""
         streams = dict(others.streams)
         for stream, ticks in self.streams.items():
             streams[stream] = max(ticks, streams.get(stream, 0))
         return KeptTimeStamps(max(self.newest, others.newest), streams)
 
     def recent(self) -> KeptTimeStamps:
-        """Without streams that are more than a minute behind: they are treated like new ones."""
+        """Return the streams that are at most a minute behind: others are treated like new ones."""
         since = self.newest - _NEW_STREAM
         return KeptTimeStamps(self.newest, {stream: ticks for stream, ticks in self.streams.items() if ticks >= since})
 
@@ -76,20 +76,20 @@ class Signing:
         self._streams = dict(start.streams)
 
     def advance(self, now: float) -> None:
-        """It is `now` [s]."""
+        """Set the time `now` [s]."""
         self._newest = max(self._newest, self._ticks_at_0 + int(now * 1e6) // _TICK_US)
 
     def kept(self) -> KeptTimeStamps:
-        """The time stamps for the next process with this key."""
+        """Return the time stamps for the next process with this key."""
         return KeptTimeStamps(self._newest, self._streams).recent()
 
     def stamp(self) -> int:
-        """The time stamp of the next outgoing packet, in 10 µs since 2015."""
+        """Return the time stamp of the next outgoing packet, in 10 µs since 2015."""
         self._newest = min(self._newest + 1, LARGEST)
         return self._newest
 
     def judge(self, packet: Packet) -> Verdict:
-        """Why a packet is not believed; "" if it is new and signed with the key."""
+        """Return the reason to refuse a packet; "" if it is new and signed with the key."""
         why = self._why_not(packet)
         if why:
             self.refused[why] += 1

@@ -28,7 +28,7 @@ _FLAT: Final = 0.3  # of a dipole's axis that is horizontal; below it the lines 
 
 
 def field_lines(transmitters: Transmitters, down_m: float, kappa_eq: float) -> list[dict[str, Any]]:
-    """For each of the first transmitters its lines in the horizontal plane at `down_m`.
+    """Return the lines of each of the first transmitters in the horizontal plane at `down_m`.
 
     `index`: of the transmitter; `place`: its north, east. `flux`: lines, each north, east, north, …; `equal_d`: [d in
     metres, line]; `inner`: the border of the inner zone, if the plane meets it.
@@ -59,7 +59,7 @@ def _field(one: Transmitters, points: Array) -> Array:
 
 
 def _equal_d(one: Transmitters, down_m: float, kappa_eq: float) -> tuple[list[list[Any]], list[float]]:
-    """The outermost places with each d in every direction, and the border of the inner zone."""
+    """Return the outermost places with each d in every direction, and the border of the inner zone."""
     turns = np.linspace(0, 2 * np.pi, _TURNS + 1)
     directions = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     centre = one.positions[0, :2]
@@ -78,7 +78,7 @@ def _equal_d(one: Transmitters, down_m: float, kappa_eq: float) -> tuple[list[li
 
 
 def _outermost(values: Array, level: float) -> Array | None:
-    """The largest radius (turns,) where a value is not above the level; None if it is above it in some direction."""
+    """Return the largest radius (turns,) where a value is at most the level; None if a direction has none."""
     inside = values <= level
     if not inside.any(axis=1).all():
         return None
@@ -94,7 +94,7 @@ def _outermost(values: Array, level: float) -> Array | None:
 
 
 def _flux(one: Transmitters, down_m: float) -> list[list[float]]:
-    """Lines along the horizontal field, from places beside the dipole."""
+    """Return lines along the horizontal field, from places beside the dipole."""
     axis = one.rotations[0, :2, 0]
     flat = float(np.hypot(*axis))
     centre = one.positions[0, :2]
@@ -116,7 +116,7 @@ def _flux(one: Transmitters, down_m: float) -> list[list[float]]:
 
 
 def _trace(one: Transmitters, seeds: Array, down_m: float, sign: float) -> Array:
-    """The places (steps, seeds, 2) along the field; steps grow with the distance from the transmitter."""
+    """Return the places (steps, seeds, 2) along the field; steps grow with the distance from the transmitter."""
     centre, at = one.positions[0, :2], seeds.copy()
     path = [at]
     for _ in range(_STEPS):
@@ -135,7 +135,7 @@ def _direction(one: Transmitters, at: Array, down_m: float, sign: float) -> Arra
 
 
 def _ending(path: Array, centre: Array) -> Array:
-    """A line up to where it is far away or at the transmitter, or turns back where the horizontal field is 0."""
+    """Return a line up to its end: far away, at the transmitter, or where the horizontal field is 0."""
     away = np.linalg.norm(path - centre, axis=1)
     steps = np.diff(path, axis=0)
     back = np.zeros(len(path), bool)

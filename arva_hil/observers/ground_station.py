@@ -135,5 +135,5 @@ _HEARTBEAT: Final = dialect.MAVLink_heartbeat_message(
 
 
 def _nearest(frame: Frame, transmitter: int | None) -> Channel:
-    """The channel of the transmitter searched for, else the first one."""
+    """Return the channel of the transmitter searched for, else the first one."""
     return next((c for c in frame.channels if c.valid and c.id == transmitter), frame.channels[0])

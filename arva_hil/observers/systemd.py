@@ -72,20 +72,20 @@ class Watchdog:
 
 
 def _cut(message: str) -> str:
-    """A message that is read, however many vehicles there are."""
+    """Return a message that is short enough for systemd."""
     data, more = message.encode(), "…"
     return message if len(data) <= _MOST else data[: _MOST - len(more.encode())].decode(errors="ignore") + more
 
 
 def _address(name: str) -> str:
-    """The socket's address: a path, or `@` and an abstract name; "" if there is none."""
+    """Return the socket's address: a path, or `@` and an abstract name; "" if there is none."""
     if name.startswith("@"):
         return "\0" + name[1:]
     return name if name.startswith("/") else ""
 
 
 def _socket() -> socket.socket | None:
-    """A non-blocking socket, None if the system has no such sockets."""
+    """Return a non-blocking socket, None if the system has no such sockets."""
     try:
         made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     except (AttributeError, OSError):

@@ -119,7 +119,7 @@ class Live:
         self._do_due(clock.now())
 
     def counts(self) -> dict[str, int]:
-        """For each link: how often it was lost and came back, and the number of reads from strangers."""
+        """Return for each link the number of losses, of returns, and of reads from strangers."""
         return {
             f"{name}_link_{what}": getattr(link, what)
             for name, link in self.sinks.items()
@@ -168,7 +168,10 @@ class Live:
         return last
 
     def _is_last(self, name: str, error: LinkError, now: float) -> bool:
-        """A link is lost for ever. Returns whether it was the last of its kind; otherwise the others continue."""
+        """Handle a link that is lost for ever.
+
+        Returns whether it was the last of its kind; otherwise the others continue.
+        """
         kind = self._autopilots if name in self._autopilots else self._ports
         self._gone.add(name)
         if self._gone >= kind.keys():

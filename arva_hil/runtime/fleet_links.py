@@ -41,7 +41,7 @@ def live_vehicles(
     component: int | None,
     rate_hz: float,
 ) -> list[VehicleSetup]:
-    """The vehicles of a live run, each followed by the reader of its link. For the rest see `Session`.
+    """Return the vehicles of a live run, each followed by the reader of its link. For the rest see `Session`.
 
     `system`: of the vehicle if the scenario names none.
     """
@@ -57,14 +57,17 @@ def live_vehicles(
 
 
 def vehicles_in_log(chosen: Scenario, log: str, system: int | None, component: int | None) -> list[VehicleSetup]:
-    """The vehicles of a replay, on the link "autopilot". Raises ValueError if they cannot be told apart there."""
+    """Return the vehicles of a replay, on the link "autopilot".
+
+    Raises ValueError if they cannot be told apart there.
+    """
     if chosen.vehicles:
         return recorded_vehicles(chosen, log, "autopilot", target_component=component)
     return [one_vehicle(chosen, Session(target_system=system, target_component=component, passive=True))]
 
 
 def ports_of(chosen: Scenario) -> dict[str, str]:
-    """The connection strings of the receivers' ports by the engine's names for them."""
+    """Return the connection strings of the receivers' ports by the engine's names for them."""
     return {
         sink_name(vehicle, receiver): receiver.port
         for vehicle in chosen.vehicles
@@ -74,7 +77,7 @@ def ports_of(chosen: Scenario) -> dict[str, str]:
 
 
 def fleet_sides(chosen: Scenario, usual: str | None, *, json: bool = False) -> FleetSides:
-    """The links of a scenario with vehicles. `usual`: of a vehicle that names no link of its autopilot.
+    """Return the links of a scenario with vehicles. `usual`: of a vehicle that names no link of its autopilot.
 
     `json`: stdout has other lines, and no frames can go there. Raises ValueError if the addresses do not fit together.
     """
@@ -92,7 +95,10 @@ def fleet_sides(chosen: Scenario, usual: str | None, *, json: bool = False) -> F
 
 
 def shared_links(source: str, autopilots: dict[str, str]) -> dict[str, str]:
-    """The link of each vehicle by its name, in one spelling where several write the same link. Raises ValueError."""
+    """Return the link of each vehicle by its name, in one spelling where several write the same link.
+
+    Raises ValueError.
+    """
     by_place = {_place(source, name, address): address for name, address in reversed([*autopilots.items()])}
     return {name: by_place[_place(source, name, address)] for name, address in autopilots.items()}
 

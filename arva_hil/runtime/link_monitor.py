@@ -35,7 +35,7 @@ class LinkMonitor:
         self._state, self._away = _STATE(link), link.away
 
     def poll(self, now: float) -> list[Event]:
-        """The events since the last call."""
+        """Return the events since the last call."""
         if (state := _STATE(self._link)) == self._state:  # then it is away as it was
             return []
         before, self._state, was_away, away = self._state, state, self._away, self._link.away

@@ -26,7 +26,7 @@ class ReadyLinks:
         self.renew()
 
     def names(self) -> list[str]:
-        """The links to read now, in their order."""
+        """Return the links to read now, in their order."""
         if self._epoll is None:
             return self._polled
         ready = {self._names[fd] for fd, _ in self._epoll.poll(0) if fd in self._names}
@@ -53,12 +53,12 @@ class ReadyLinks:
         self.waitables = [self, *(self._links[name] for name in polled)]
 
     def forget(self, name: str) -> None:
-        """A link is lost and will not come back."""
+        """Forget a link that is lost for ever."""
         self._links = {other: link for other, link in self._links.items() if other != name}
         self.renew()
 
     def fileno(self) -> int | None:
-        """A descriptor that is readable while one of the watched links is."""
+        """Return a descriptor that is readable while one of the watched links is."""
         return self._epoll.fileno() if self._epoll else None
 
     def ready(self) -> bool:

@@ -30,7 +30,10 @@ _OWNERS: Final = 0o600
 
 
 def state_file(key: bytes, environment: Mapping[str, str]) -> Path | None:
-    """The file of a key: in $XDG_STATE_HOME/arva-hil, else ~/.local/state/arva-hil. None: there is no home folder."""
+    """Return the file of a key: in $XDG_STATE_HOME/arva-hil, else ~/.local/state/arva-hil.
+
+    None: there is no home folder.
+    """
     home = environment.get("XDG_STATE_HOME", "")
     if not os.path.isabs(home):  # the standard says to ignore a relative path
         home = os.path.join(os.path.expanduser("~"), ".local", "state")
@@ -114,7 +117,7 @@ def _locks(file: FileIO, *, wait: bool) -> bool:
 
 
 def _read(file: Path) -> KeptTimeStamps:
-    """The time stamps in a file, none if it does not exist. Raises OSError; ValueError for other contents."""
+    """Return the time stamps in a file, none if it does not exist. Raises OSError; ValueError for other contents."""
     try:
         with open(file, "rb", buffering=0, opener=_open) as opened:
             data = opened.read(_LARGEST_FILE + 1) or b""

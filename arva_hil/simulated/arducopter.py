@@ -42,7 +42,7 @@ _NAMES: Final = list(_VALUES)
 
 
 def values_requested(message: Any) -> list[Any]:
-    """The answers to a PARAM_REQUEST_LIST, or to a PARAM_REQUEST_READ by name or index; none if it does not exist."""
+    """Return the answers to PARAM_REQUEST_LIST, or PARAM_REQUEST_READ by name or index; none if there are none."""
     if type(message).id == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
         return [_value(index) for index in range(len(_NAMES))]
     if message.param_index == -1 and message.param_id in _VALUES:
@@ -65,12 +65,12 @@ _BY_FORCE: Final = 21196  # MAV_CMD_COMPONENT_ARM_DISARM, param 2
 
 
 def integer(value: float) -> int:
-    """A parameter as an integer; -2, which is never valid, for NaN and infinity."""
+    """Return a parameter as an integer; -2, which is never valid, for NaN and infinity."""
     return int(value) if math.isfinite(value) else -2
 
 
 def set_mode(pilot: SimulatedAutopilot, params: Params, _: int) -> int:
-    """The first two parameters are `base_mode` and `custom_mode`."""
+    """Set the mode. The first two parameters are `base_mode` and `custom_mode`."""
     if not integer(params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return DENIED
     return ACCEPTED if pilot.set_mode(integer(params[1])) else FAILED

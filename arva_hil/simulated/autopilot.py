@@ -127,7 +127,7 @@ class SimulatedAutopilot:
             self.disarm()
 
     def _wanted(self, motion: Multirotor) -> tuple[Vector, float]:
-        """Velocity (NED) and yaw rate."""
+        """Return velocity (NED) and yaw rate."""
         mode = self.mode
         if mode is _GUIDED:
             position, velocity, yaw, yaw_rate = self._set_point

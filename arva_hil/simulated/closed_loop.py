@@ -71,7 +71,7 @@ def several(scenario: Scenario, count: int) -> Scenario:
 
 
 def _datum(scenario: Scenario) -> Lla:
-    """Its own, or the place where the vehicles stand: all of them have the same, though each has its own home."""
+    """Return the scenario's datum, or the place of the vehicles: all have the same, though each has its own home."""
     return Lla(*HOME) if scenario.datum == "home" else scenario.datum
 
 

@@ -41,11 +41,11 @@ class MessageRates:
         self._due[_HEARTBEAT] = self.next_due = at
 
     def interval(self, msgid: int) -> int:
-        """The interval of a message; -1: it is not sent."""
+        """Return the interval of a message; -1: it is not sent."""
         return self._intervals.get(msgid, -1)
 
     def take_due(self) -> list[int]:
-        """The message ids that are due at `next_due`. Changes `next_due` to the next instant."""
+        """Return the message ids that are due at `next_due`. Changes `next_due` to the next instant."""
         now, due = self.next_due, self._due
         ids = [msgid for msgid, at in due.items() if at == now]
         for msgid in ids:

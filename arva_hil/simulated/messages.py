@@ -44,7 +44,7 @@ _of_simulator: Final = constructor(dialect.MAVLINK_MSG_ID_SIM_STATE)
 
 
 def read_set_point(m: Message, motion: Multirotor) -> SetPoint | None:
-    """The set-point in a SET_POSITION_TARGET_LOCAL_NED for a vehicle with this motion; None if it is invalid.
+    """Return the set-point in a SET_POSITION_TARGET_LOCAL_NED for a vehicle with this motion; None if it is invalid.
 
     If one of three values is ignored, all three are; without position and velocity the vehicle stops. Body frames are
     turned by the present yaw. In all frames but LOCAL_NED a position is an offset from the present one.
@@ -130,7 +130,7 @@ def _global_position_int(r: VehicleReport) -> Message:
 
 
 def _scaled_pressure(r: VehicleReport) -> Message | None:
-    """The pressure of the standard atmosphere at the true altitude."""
+    """Return the pressure of the standard atmosphere at the true altitude."""
     if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE:
         return None
     altitude = r.home.alt_m - r.motion.position[2]
@@ -139,7 +139,7 @@ def _scaled_pressure(r: VehicleReport) -> Message | None:
 
 
 def _distance_sensor(r: VehicleReport) -> Message | None:
-    """The height above the ground, without the effect of the tilt."""
+    """Return the height above the ground, without the effect of the tilt."""
     if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION:
         return None
     height = min(round(-r.motion.position[2] * 100), _RANGE_CM)
@@ -164,7 +164,7 @@ def _extended_sys_state(r: VehicleReport) -> Message:
 
 
 def _vfr_hud(r: VehicleReport) -> Message:
-    """At half throttle it hovers, with more it climbs."""
+    """Return VFR_HUD: half throttle in a hover, more in a climb."""
     north, east, down = r.motion.velocity
     throttle = 0 if r.pilot.landed else max(0, min(100, round(50 - 10 * down)))
     heading, speed = round(math.degrees(_yaw(r.motion))) % 360, math.hypot(north, east)
@@ -184,13 +184,13 @@ def _autopilot_version(r: VehicleReport) -> Message:
 
 
 def _simstate(r: VehicleReport) -> Message:
-    """The true pose. Accelerations are 0."""
+    """Return the true pose. Accelerations are 0."""
     pose, lat_lon = (*_roll_pitch(r.motion), _yaw(r.motion)), _place(r.home.lla_fast(r.motion.position))[:2]
     return dialect.MAVLink_simstate_message(*pose, *_NOTHING, *r.motion.rates, *lat_lon)
 
 
 def _sim_state(r: VehicleReport) -> Message:
-    """The true pose and velocity. Accelerations are 0."""
+    """Return the true pose and velocity. Accelerations are 0."""
     motion, place = r.motion, r.home.lla_fast(r.motion.position)
     pose = *motion.quaternion, *_roll_pitch(motion), _yaw(motion)
     moving = *_NOTHING, *motion.rates, *place, 0.0, 0.0, *motion.velocity
@@ -198,7 +198,7 @@ def _sim_state(r: VehicleReport) -> Message:
 
 
 def _place(lla: Vector) -> tuple[int, int, int]:
-    """As messages have it: degrees · 1e7, millimetres."""
+    """Return the place as in messages: degrees · 1e7, millimetres."""
     lat, lon, alt = lla
     return round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)
 

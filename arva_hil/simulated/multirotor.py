@@ -123,7 +123,7 @@ class Multirotor:
         self.steps += 1
 
     def at(self, time_us: int) -> Motion:
-        """The motion at an instant before the newest step, µs since the start.
+        """Return the motion at an instant before the newest step, µs since the start.
 
         Raises ValueError if it is not remembered, or in the future.
         """
@@ -142,7 +142,7 @@ class Multirotor:
         return _motion(((north, east, down), velocity, q, rates))
 
     def _quaternion(self, node: _Node) -> Quaternion:
-        """The attitude at a node's yaw whose body z axis is against the thrust, which lifts, accelerates and drags."""
+        """Return the attitude at a node's yaw with the body z axis against the thrust."""
         _, _, _, vn, ve, vd, fn, fe, fd, lean, yaw = node
         wind_n, wind_e, wind_d = self._wind
         down_n = lean * (_DRAG * (wind_n - vn) - fn)
@@ -156,7 +156,7 @@ class Multirotor:
 
 
 def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vector]:
-    """The attitude between a and b at `share` of the step, and the constant body rates of that turn."""
+    """Return the attitude between a and b at `share` of the step, and the constant body rates of that turn."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     w = aw * bw + ax * bx + ay * by + az * bz

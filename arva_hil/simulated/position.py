@@ -27,7 +27,7 @@ class Home:
         self._linear: list[list[float]] = []
 
     def lla(self, ned: Vector) -> Vector:
-        """Latitude and longitude in degrees, altitude in metres above mean sea level."""
+        """Return latitude and longitude in degrees, altitude in metres above mean sea level."""
         lat, lon, alt = self._frame.lla(ned)
         return float(lat), float(lon), float(alt)
 
@@ -61,7 +61,7 @@ class PositionError:
         self._raw = self._from = self._to = (0.0, 0.0, 0.0)
 
     def at(self, time_us: int) -> Vector:
-        """The error NED [m], to be added to the true position. Time never goes back."""
+        """Return the error NED [m], to be added to the true position. Time never goes back."""
         if not self._raw_sigma:
             return self._raw
         while self._node < time_us // _NODE_US:

@@ -108,7 +108,7 @@ class SimulatedVehicle:
                 self._emit_events()
 
     def poll(self, now: float) -> bytes:
-        """The messages to send until `now`, each with the values of the time at which it was due."""
+        """Return the messages to send until `now`, each with the values of the time at which it was due."""
         self._advance(self._us(now))
         said = bytes(self._outbox)
         self._outbox.clear()
@@ -132,7 +132,7 @@ class SimulatedVehicle:
         return f"{self._pilot.mode.name}, {armed}, {'in the air' if self.flying else 'on the ground'}"
 
     def truth(self, now: float) -> Truth:
-        """The exact motion at `now`, or up to 9 s back. Raises ValueError for a time before that."""
+        """Return the exact motion at `now`, or up to 9 s back. Raises ValueError for a time before that."""
         us = self._us(now)
         self._advance(us)
         motion = self._pilot.motion.at(us)
@@ -188,7 +188,7 @@ class SimulatedVehicle:
             self._send(BUILDERS[_HOME_POSITION](self._report(at)))
 
     def _report(self, at: int) -> VehicleReport:
-        """The values for messages at an instant, rounded down to the milliseconds of its time stamp."""
+        """Return the values for messages at an instant, rounded down to the milliseconds of its time stamp."""
         boot_ms = (at - self._boot_at) // 1000
         at = self._boot_at + boot_ms * 1000
         motion = self._pilot.motion.at(at)
@@ -242,7 +242,7 @@ class SimulatedVehicle:
             self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
 
     def _on_terrain_check(self, message: Message, _: Packet) -> None:
-        """The terrain is flat."""
+        """Answer that the terrain is flat."""
         alt_m = self._home.alt_m
         height = -self._pilot.motion.down
         self._send(dialect.MAVLink_terrain_report_message(message.lat, message.lon, 30, alt_m, height, 0, 1))

@@ -44,13 +44,13 @@ class Authority:
         self._next_question = -math.inf
 
     def want(self, mode: int, *, ours: bool = True) -> None:
-        """This mode is ordered from now on. Without `ours` the vehicle may be in any mode until it is in this one."""
+        """Request this mode from now on. Without `ours` the vehicle may be in any mode until it is in this one."""
         self.wanted = mode
         if ours:
             self._ours |= {mode}
 
     def borrow(self) -> None:
-        """The present mode was set by somebody who hands the vehicle over. It may stay in this mode for now."""
+        """Accept the present mode, in which the vehicle was handed over. It may stay in this mode for now."""
         self._ours = frozenset({self.mode})
 
     @property
@@ -64,7 +64,7 @@ class Authority:
         return bool(self._ours) and self.mode not in self._ours
 
     def on_mode(self, mode: int, since: float, now: float) -> None:
-        """A report of the mode, which came after `since` and is read `now`."""
+        """Use a report of the mode, which was sent after `since` and is read `now`."""
         self.mode = mode
         if not self._question:
             self._news_s, self._read_s = since, now
@@ -72,18 +72,18 @@ class Authority:
             self._ours = frozenset({mode})
 
     def on_timesync(self, message: Any) -> None:
-        """The vehicle sent a TIMESYNC."""
+        """Use a TIMESYNC of the vehicle."""
         if self._question and message.tc1 and message.ts1 == self._question:
             self._question = 0
 
     def doubt(self, now: float) -> None:
-        """There was a gap: earlier reports do not count any more, and no order is sent before a later one."""
+        """Handle a gap: earlier reports do not count any more, and no order is sent before a later one."""
         self._question = secrets.randbits(62) | 1
         self._next_question = self._since = now
         self._news_s = -math.inf
 
     def question(self, now: float) -> Any | None:
-        """The TIMESYNC to send now, if any. Call `asked` after it was sent."""
+        """Return the TIMESYNC to send now, if any. Call `asked` after it was sent."""
         if not self._question or now < self._next_question:
             return None
         return dialect.MAVLink_timesync_message(0, self._question)

@@ -104,7 +104,7 @@ class Commander(FlightState):
         self._enter(phase, now, mode)
 
     def poll(self, now: float) -> bytes:
-        """The messages to send now; the same until `sent`. The link must have been read until it was empty."""
+        """Return the messages to send now; the same until `sent`. The link must have been read until it was empty."""
         self._offered = []
         if self.phase.active:
             self._advance(now)
@@ -119,7 +119,7 @@ class Commander(FlightState):
         return b"".join(map(self._session.encoder.pack, messages))
 
     def sent(self, now: float) -> None:
-        """The messages of the last `poll` were sent."""
+        """Count the messages of the last `poll` as sent."""
         for remember in self._offered:
             remember(now)
         self._offered = []
@@ -176,7 +176,7 @@ class Commander(FlightState):
             self._emit(ArmingTried(now, self._session.name, self._tries, _ARM_AGAIN_S, *refused))
 
     def _order(self) -> tuple[Any | None, float]:
-        """The order that is not carried out yet, None if there is none, and the time [s] until it is repeated."""
+        """Return the pending order, None if there is none, and the time [s] until it is repeated."""
         vehicle, modes = self._vehicle, self._modes
         to = vehicle.system, vehicle.component
         if self.phase is Phase.CLIMBING:
@@ -226,7 +226,7 @@ class Commander(FlightState):
                 self._stand(armed, now)
 
     def _on_current_mode(self, message: Any, now: float) -> None:
-        """The present mode; the intended mode is not used.
+        """Use the present mode; the intended mode is not used.
 
         PX4 changes its mode when it disarms after a landing. The heartbeat shows that this was not the pilot.
         """
@@ -260,7 +260,7 @@ class Commander(FlightState):
         self._watch_pilot(now)
 
     def _watch_pilot(self, now: float) -> None:
-        """After a stick was moved, or with a low battery, give the vehicle to the pilot.
+        """Give the vehicle to the pilot after a stick was moved, or with a low battery.
 
         Set-points have velocity 0 at once. The mode is ordered a little later, because the autopilot may give the
         vehicle to the sticks by itself, or be about to report the mode of a switch.

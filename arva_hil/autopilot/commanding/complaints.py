@@ -17,7 +17,7 @@ _MOST_RECENT: Final = 4
 
 
 def unwell(message: Any) -> list[str]:
-    """The sensors that are enabled and not healthy; on a link without a ground station PX4 gives no other reason."""
+    """Return the enabled sensors that are not healthy; without a ground station PX4 gives no other reason."""
     bits = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
     sensors = dialect.enums["MAV_SYS_STATUS_SENSOR"]
     names = [sensors[1 << n].name for n in range(32) if bits >> n & 1 and 1 << n in sensors]
@@ -79,7 +79,7 @@ class Complaints:
         self._unwell = unwell(message)
 
     def begin(self, *, keep_texts: bool) -> None:
-        """A new order begins. `keep_texts`: earlier texts may explain why it is refused."""
+        """Begin a new order. `keep_texts`: earlier texts may explain why it is refused."""
         self.refused_order = self.refused_result = ""
         if not keep_texts:
             self.recent.clear()

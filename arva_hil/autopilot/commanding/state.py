@@ -69,18 +69,18 @@ class SetpointPace:
         return now >= self._next
 
     def left(self, now: float) -> None:
-        """A set-point was sent."""
+        """Count a set-point as sent."""
         gap = now - self._last
         if self._last > -math.inf and (gap > self._longest[0] or now - self._longest[1] > _OF_LATE_S):
             self._longest = gap, now
         self._last, self._next = now, max(self._next + EVERY_S, now)
 
     def rest(self) -> None:
-        """No set-points are needed from now on."""
+        """Expect no set-points from now on."""
         self._last = -math.inf
 
     def stalled_s(self, now: float) -> float:
-        """The longest gap [s] lately; 0 if they were sent often enough."""
+        """Return the longest recent gap [s]; 0 if they were sent often enough."""
         gap, until = self._longest
         worst = max(gap if now - until <= _OF_LATE_S else 0.0, now - self._last if self._last > -math.inf else 0.0)
         return worst if worst > _LONG_S else 0.0
@@ -191,7 +191,7 @@ class FlightState:
         return state is not None
 
     def _watch_mode(self, now: float) -> None:
-        """A mode that our orders do not cause was set by the pilot or by a failsafe.
+        """Detect a mode that this program did not request: the pilot or a failsafe has set it.
 
         PX4 arms in hold, and may be in it until it has risen. It does not return to hold by itself, because the height
         of its take-off is larger than the one at which it is ordered to follow set-points. After a gap the present mode

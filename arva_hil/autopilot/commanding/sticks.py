@@ -70,7 +70,7 @@ class _Pulses:
         return (channel, by) if self._times >= _TWICE else (0, 0)
 
     def _moved(self, n: int, throttle: int, flown: bool) -> int:
-        """The way of a channel [µs]; 0 if it has not moved."""
+        """Return the movement of a channel [µs]; 0 if it has not moved."""
         pulse, stick = self.now[n], n < _STICKS
         if not _valid(pulse):
             return 0

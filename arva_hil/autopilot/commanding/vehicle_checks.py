@@ -49,7 +49,7 @@ class Failsafes:
         self._next = -math.inf
 
     def poll(self, now: float, vehicle: Vehicle) -> list[Any]:
-        """The requests to send now."""
+        """Return the requests to send now."""
         self.px4 = vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4
         self._names = (_PX4 if self.px4 else _ARDUPILOT) + _FENCE[self.px4]
         if now < self._next:
@@ -63,7 +63,7 @@ class Failsafes:
         return [dialect.MAVLink_param_request_read_message(*to, name.encode(), -1) for name in lacking]
 
     def on_parameter(self, message: Any) -> None:
-        """The vehicle sent a PARAM_VALUE."""
+        """Use a PARAM_VALUE of the vehicle."""
         layout = _INTEGERS.get(message.param_type) if self.px4 else None
         raw = struct.pack("<f", message.param_value)
         value = struct.unpack(layout, raw)[0] if layout else message.param_value
@@ -76,7 +76,7 @@ class Failsafes:
         return self._tries > _TRIES or (bool(self._names) and all(name in self.values for name in self._names))
 
     def doubts(self) -> list[tuple[str, float | None, Doubt]]:
-        """The parameters that make a promise of the search impossible: name, value (None: not reported), and how."""
+        """Return the parameters that break a promise of the search: name, value (None: not reported), and how."""
         found: list[tuple[str, float | None, Doubt]] = []
         for name, (low, high) in _SET_POINTS_S.items():
             value = self.values.get(name, low)
@@ -161,7 +161,7 @@ class SimulatorCheck:
                 self.answer = message.get_type()
 
     def poll(self, now: float) -> bytes:
-        """The request, if it is due."""
+        """Return the request, if it is due."""
         vehicle = self._session.vehicle
         if vehicle is None or self.answer or now < self._next or vehicle.autopilot not in _ASKED:
             return b""

@@ -55,7 +55,7 @@ class VehicleDiscovery:
         self.refused_vehicle = False  # an autopilot with other ids was heard
 
     def vehicle(self, packet: Packet, heartbeat: Any) -> Vehicle | None:
-        """The vehicle that sent a heartbeat; None if it is not an autopilot, or not the one asked for."""
+        """Return the vehicle that sent a heartbeat; None if it is not an autopilot, or not the one asked for."""
         asked = packet.system == (self._system or packet.system or -1) and packet.component == self._component
         if asked and is_autopilot(heartbeat):
             armed = bool(heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -84,7 +84,7 @@ def is_autopilot(heartbeat: Any) -> bool:
 
 
 def short_name(enum: str, value: int) -> str:
-    """The name of an enum entry without the prefix of its enum, e.g. 'quadrotor'."""
+    """Return the name of an enum entry without the prefix of its enum, e.g. 'quadrotor'."""
     entry = dialect.enums[enum].get(value)
     return entry.name.removeprefix(enum + "_").lower() if entry else f"{enum} {value}"
 
@@ -109,19 +109,19 @@ class Senders:
         self._pinned = False
 
     def on_read(self, now: float) -> None:
-        """The link is read at `now`. After a pause in reading, the vehicle has its whole time to be heard again."""
+        """Register a read of the link at `now`. After a pause, the vehicle has its whole time again."""
         if now - self._looked_at > _ASLEEP_S:
             self._heard_at = max(self._heard_at, now)
         self._looked_at = now
 
     def meet(self, sender: Hashable, *, candidate: bool) -> None:
-        """A sender sent a packet. `candidate`: the vehicle could have sent it."""
+        """Remember the sender of a packet. `candidate`: the vehicle could have sent it."""
         if sender in self._met or len(self._met) < _MOST:
             self._met[sender] = candidate and self._met.get(sender, True)
             self.candidates = [sender for sender, candidate in self._met.items() if candidate]
 
     def on_packet(self, sender: Hashable, now: float) -> None:
-        """A sender sent a packet of the vehicle."""
+        """Remember the sender of a packet of the vehicle."""
         self.vehicle, self._heard_at = sender, now
         if self._met:
             self._met.clear()
@@ -132,15 +132,15 @@ class Senders:
         return sender == self.vehicle or (now - self._heard_at > _SILENT_S and not self._pinned)
 
     def pin(self) -> None:
-        """From now on the vehicle's sender never changes."""
+        """Keep the vehicle's sender from now on."""
         self._pinned = True
 
     def release(self) -> None:
-        """The link to the vehicle is lost: it may come back from any sender, at once."""
+        """Handle a lost link: the vehicle may come back from any sender, at once."""
         self._heard_at = -math.inf
 
     def resume(self, now: float) -> None:
-        """The link is back: the last sender has its whole time again."""
+        """Handle a link that is back: the last sender has its whole time again."""
         self._heard_at = now
 
 

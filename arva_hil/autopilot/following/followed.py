@@ -91,7 +91,7 @@ class FollowedVehicle:
         return self.vehicle is not None and not (self.lost or self._passive or self._interrupted)
 
     def rates(self, now: float) -> dict[str, float]:
-        """Measured rates [Hz] of the pose streams."""
+        """Return measured rates [Hz] of the pose streams."""
         return self._streams.rates(now) if self._streams else {}
 
     @property
@@ -105,7 +105,7 @@ class FollowedVehicle:
         return addressee in ((self.encoder.system, self.component), (0, 0))
 
     def counts(self) -> dict[str, int]:
-        """Counters of what was received and not used."""
+        """Return counters of what was received and not used."""
         return {
             "bytes_received": self.reader.bytes,
             "packets_received": self.parser.packets,
@@ -120,7 +120,7 @@ class FollowedVehicle:
         }
 
     def disbelieved(self) -> dict[str, int]:
-        """Counters of complete packets and values that were not used."""
+        """Return counters of complete packets and values that were not used."""
         signatures = self.disbelieved_signatures() or {}
         return {
             "packets_incompatible": self.parser.incompatible,
@@ -132,7 +132,7 @@ class FollowedVehicle:
         }
 
     def disbelieved_signatures(self) -> dict[str, int] | None:
-        """The number of packets refused for their signature, by reason; None without a key."""
+        """Return the number of packets refused for their signature, by reason; None without a key."""
         return dict(self._signing.refused) if self._signing else None
 
     def why_no_vehicle(self) -> NoVehicle:
@@ -148,7 +148,7 @@ class FollowedVehicle:
         return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
 
     def why_no_pose(self) -> NoPose:
-        """Why there is a vehicle but no pose."""
+        """Return the reason why there is a vehicle but no pose."""
         if self._streams is None:
             return NoPose("no vehicle")
         nowhere = self.track.first_position is None

@@ -59,7 +59,7 @@ class Modes:
         return command(vehicle.system, vehicle.component, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
 
     def to_steer(self, vehicle: Vehicle, velocity: tuple[float, float, float], yaw: float) -> Any:
-        """A set-point: velocity [m/s, NED] and heading [rad]. It has an effect only in the mode `steer`."""
+        """Return a set-point: velocity [m/s, NED] and heading [rad]. It has an effect only in the mode `steer`."""
         still = (0.0, 0.0, 0.0)
         to = 0, vehicle.system, vehicle.component, dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
         return dialect.MAVLink_set_position_target_local_ned_message(*to, *still, *velocity, *still, yaw, 0.0)
@@ -73,7 +73,7 @@ PX4: Final = Modes(hold=_HOLD, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AU
 
 
 def modes_of(vehicle: Vehicle) -> Modes:
-    """The modes of a vehicle. Raises ValueError if it cannot be flown by velocities here."""
+    """Return the modes of a vehicle. Raises ValueError if it cannot be flown by velocities here."""
     modes = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUCOPTER, dialect.MAV_AUTOPILOT_PX4: PX4}.get(vehicle.autopilot)
     if modes is None:
         raise ValueError(f"{vehicle} is neither ArduPilot nor PX4")

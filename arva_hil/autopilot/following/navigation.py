@@ -137,7 +137,7 @@ class Navigation:
         return self.track.is_known(self.clock.boot(now))
 
     def renew(self) -> None:
-        """The link is new: no late packets of the old link can come."""
+        """Handle a new link: no late packets of the old link can come."""
         self._reorder_s = 0.0
         self.home = None
 
@@ -198,13 +198,13 @@ class Navigation:
 
 
 def place_of(message: Any) -> tuple[Place, tuple[float, float, float]]:
-    """The place and the velocity [m/s, NED] of a GLOBAL_POSITION_INT."""
+    """Return the place and the velocity [m/s, NED] of a GLOBAL_POSITION_INT."""
     velocity = message.vx / 100, message.vy / 100, message.vz / 100
     return (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3), velocity
 
 
 def _square(x: float, y: float, z: float) -> float:
-    """The squared length; NaN if a value is NaN, so that every comparison is false."""
+    """Return the squared length; NaN if a value is NaN, so that every comparison is false."""
     return x * x + y * y + z * z
 
 
@@ -226,6 +226,6 @@ def _place_follows(old: Place, new: Place, gap_s: float) -> bool:
 
 
 def offset_m(a: Place, b: Place) -> tuple[float, float, float]:
-    """The approximate offset north, east and down [m] from one place to another, on a sphere."""
+    """Return the approximate offset north, east and down [m] from one place to another, on a sphere."""
     east = (b[1] - a[1] + 180) % 360 - 180
     return (b[0] - a[0]) * _M_PER_DEG, east * _M_PER_DEG * math.cos(math.radians(a[0])), a[2] - b[2]

@@ -58,7 +58,7 @@ class ClockMap:
             samples.popleft()
 
     def boot(self, host: float) -> float | None:
-        """The autopilot's boot time [s] at host time `host`; None before the first sample."""
+        """Return the autopilot's boot time [s] at host time `host`; None before the first sample."""
         return host - self._samples[0][1] if self._samples else None
 
     @property
@@ -77,7 +77,7 @@ _MOST_HEADING: Final = math.pi / 3  # rad, by the turn about the vertical
 
 
 def attitude_ahead(sample: AttitudeSample, ahead_s: float) -> Quaternion:
-    """The attitude, body FRD → NED, `ahead_s` after a sample.
+    """Return the attitude, body FRD → NED, `ahead_s` after a sample.
 
     It is extrapolated with the body rates [rad/s] for 0.15 s and at most 30°, then with the turn about the vertical
     until 0.5 s and at most 60°, then it is held.
@@ -196,7 +196,7 @@ class PoseTrack:
         return boot is None or newest is None or newest >= boot
 
     def at(self, boot: float | None, frame: LocalFrame) -> VehicleState | None:
-        """The pose at boot time `boot` [s] in the NED frame `frame`; None if it is not known."""
+        """Return the pose at boot time `boot` [s] in the NED frame `frame`; None if it is not known."""
         if boot is None:
             return None
         position = _around(self._positions, boot)
@@ -225,7 +225,7 @@ def _append(samples: deque[S], sample: S) -> None:
 
 
 def _around(samples: deque[S], boot: float) -> tuple[S, S | None] | None:
-    """The last sample at or before `boot`, and the next one if it is near enough to interpolate."""
+    """Return the last sample at or before `boot`, and the next one if it is near enough to interpolate."""
     after: S | None = None
     for sample in reversed(samples):
         if sample.boot <= boot:

@@ -28,7 +28,10 @@ _DECODED: Final = HANDLED | {_ACK}
 
 
 def heartbeat() -> Any:
-    """The heartbeat of an onboard computer. One of a ground station could mask the vehicle's link-loss failsafe."""
+    """Return the heartbeat of an onboard computer.
+
+    One of a ground station could mask the vehicle's link-loss failsafe.
+    """
     kind, active = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
     return dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, active, 3)
 
@@ -100,7 +103,7 @@ class Session(FollowedVehicle):
             self._streams.want(streams)
 
     def pin(self) -> None:
-        """From now on the vehicle never changes. Another one with its ids is ignored, and `usurped` says so."""
+        """Keep the vehicle from now on. Another one with its ids is ignored, and `usurped` says so."""
         self._identity = Identity(self.clock.rate)
         self.senders.pin()
 
@@ -130,13 +133,13 @@ class Session(FollowedVehicle):
         return out, self._emitted()
 
     def interrupt(self, why: str) -> None:
-        """The link is lost: until `resume` nothing can be sent, and silence does not count."""
+        """Handle a lost link: until `resume` nothing can be sent, and silence does not count."""
         self._interrupted = why
         self.parser.cut()
         self.senders.release()
 
     def resume(self, now: float) -> None:
-        """The link is back: send a heartbeat and request all streams again, at once.
+        """Handle a link that is back: send a heartbeat and request all streams again, at once.
 
         If the vehicle's boot time continues, so does its pose track. If it has gone back, the vehicle has rebooted.
         """
@@ -150,7 +153,7 @@ class Session(FollowedVehicle):
             self._streams.renew(now)
 
     def skip(self, now: float) -> None:
-        """The link was not read for some time: silence until `now` does not count."""
+        """Handle a pause in reading: silence until `now` does not count."""
         self._last_heartbeat = max(self._last_heartbeat, now)
 
     def _emitted(self) -> Sequence[Event]:
@@ -194,7 +197,7 @@ class Session(FollowedVehicle):
         return False
 
     def _on_strangers(self, packets: Sequence[Packet], now: float) -> None:
-        """Packets of another sender than the vehicle's: they change nothing, but another autopilot is reported."""
+        """Handle packets of other senders: they change nothing, but another autopilot is reported."""
         for packet in packets:
             if packet.msgid != _HEARTBEAT or self._signing:
                 continue

@@ -58,7 +58,7 @@ class Stream:
         self.seen = {msgid: deque(maxlen=_MOST_SEEN) for msgid in self.ids}
 
     def rate(self, now: float, since: float) -> float:
-        """The present rate [Hz] of the fastest of its message ids."""
+        """Return the present rate [Hz] of the fastest of its message ids."""
         oldest = now - _MEASURE_S
         for times in self.seen.values():
             while times and times[0] < oldest:
@@ -67,7 +67,7 @@ class Stream:
         return max(map(len, self.seen.values())) / span
 
     def fast_until(self, now: float, since: float) -> float:
-        """Until when [s] a stream that is fast enough `now` stays so, even if nothing more comes."""
+        """Return the time [s] until which a stream that is fast enough `now` stays so without messages."""
         newest = max(self.seen.values(), key=len)
         enough = math.ceil(_ENOUGH * self.want_hz * _MEASURE_S)
         return newest[-enough] + _MEASURE_S if now - since > _MEASURE_S and enough <= len(newest) else now
@@ -110,11 +110,11 @@ class Streams:
         self.extra_ids = frozenset(stream.ids[0] for stream in self.extras)
 
     def on_message(self, msgid: int, now: float) -> None:
-        """A message of a stream came from the vehicle."""
+        """Count a message of a stream."""
         self._seen[msgid].append(now)
 
     def rates(self, now: float) -> dict[str, float]:
-        """Measured rates [Hz] by message name."""
+        """Return measured rates [Hz] by message name."""
         return {stream.name: stream.rate(now, self._since) for stream in self.wanted}
 
     def renew(self, now: float) -> None:
@@ -129,7 +129,7 @@ class Streams:
             stream.tries, stream.next_ask, stream.anew, stream.refused = 0, 0.0, True, False
 
     def poll(self, now: float, system: int, component: int) -> list[Any]:
-        """The requests that are due, as messages."""
+        """Return the requests that are due, as messages."""
         messages = []
         if self.home_wanted and now >= self._home_next:
             messages.append(self._ask_home(system, component))
@@ -154,7 +154,7 @@ class Streams:
         return messages
 
     def acknowledged(self, command: int, result: int, now: float) -> None:
-        """A COMMAND_ACK of the vehicle for us came."""
+        """Use a COMMAND_ACK of the vehicle for this program."""
         if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
             return
         stream, _ = self._pending

@@ -50,7 +50,7 @@ class TerrainRequests:
         return not self._open
 
     def poll(self, now: float) -> bytes:
-        """The next request, if it is due."""
+        """Return the next request, if it is due."""
         if not self._open or now < self._next_s or not self._session.reachable:
             return b""
         self._next_s = now + _EVERY_S

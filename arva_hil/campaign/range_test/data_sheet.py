@@ -71,7 +71,7 @@ def measured(scenario: Scenario, plan: RangePlan, name: str = "") -> DataSheet:
 
 
 def lines(sheet: DataSheet) -> Iterator[str]:
-    """The sheet as text."""
+    """Yield the lines of the sheet."""
     receiver, transmitter, plan = sheet.scenario.receiver, sheet.scenario.transmitters[0], sheet.plan
     of = f" {sheet.name}" if sheet.name else ""
     keyed = f", {transmitter.keying.kind}" if transmitter.keying else ""
@@ -131,7 +131,7 @@ def _judged(sheet: DataSheet) -> Iterator[str]:
 
 
 def as_dict(sheet: DataSheet) -> dict[str, Any]:
-    """The sheet for a program: ranges in metres, one for each walk, None without a stable signal."""
+    """Return the sheet for a program: ranges in metres, one for each walk, None without a stable signal."""
     return {
         "receiver": sheet.name or None,
         "model": sheet.scenario.receiver.model,
@@ -153,7 +153,7 @@ def as_dict(sheet: DataSheet) -> dict[str, Any]:
 
 
 def table(sheets: Sequence[DataSheet]) -> Iterator[tuple[Any, ...]]:
-    """One row a walk, with a header."""
+    """Yield one row a walk, with a header."""
     yield "receiver", "coupling", "motors", "walk", "first_m", "stable_m"
     for sheet in sheets:
         for row in sheet.rows:

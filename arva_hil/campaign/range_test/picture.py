@@ -20,7 +20,7 @@ _MARKERS: Final = ("o", "s", "^", "v", "D", "x")
 
 
 def drawn(sheets: Sequence[DataSheet]) -> bytes:
-    """A PNG with a row of pictures for each receiver. Raises ModuleNotFoundError without matplotlib."""
+    """Return a PNG with a row of pictures for each receiver. Raises ModuleNotFoundError without matplotlib."""
     with styled():
         made = figure(11.0, 4.2 * len(sheets))
         for (left, right), sheet in zip(made.subplots(len(sheets), 2, squeeze=False), sheets, strict=True):
@@ -30,7 +30,7 @@ def drawn(sheets: Sequence[DataSheet]) -> bytes:
 
 
 def draw_heard(axes: Axes, sheet: DataSheet) -> None:
-    """The share of frames in which the transmitter is heard, over its true range; lines where it is stable."""
+    """Draw the share of frames in which the transmitter is heard, over its true range; lines where it is stable."""
     farthest = max([1.0, *(m for row in sheet.rows for m in (*row.first_m, *row.stable_m))]) * 1.1
     edges = np.linspace(0.0, farthest, _BINS + 1)
     for n, row in enumerate(sheet.rows):
@@ -68,5 +68,5 @@ def draw_distances(axes: Axes, sheet: DataSheet) -> None:
 
 
 def _frames(row: Row) -> tuple[np.ndarray, np.ndarray]:
-    """True ranges and d of all frames of all walks."""
+    """Return true ranges and d of all frames of all walks."""
     return np.concatenate([w.range_m for w in row.walks]), np.concatenate([w.d_m for w in row.walks])

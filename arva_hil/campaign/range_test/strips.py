@@ -43,7 +43,7 @@ def formula_m(coaxial: Sequence[Walk]) -> float | None:
 
 
 def strip_width(scenario: Scenario, height_m: float, speed_m_s: float) -> StripWidth | None:
-    """For the scenario's receiver and the weakest set of the norm, a metre deep; with the noise of its vehicle.
+    """Return the width for the scenario's receiver and the weakest set of the norm, a metre deep.
 
     None if the receiver hears too little for strips. `height_m`: above the ground.
     """

@@ -95,7 +95,7 @@ def signals(range_m: Floats, d_m: Floats, stable_frames: float) -> tuple[float |
 def _walk(
     scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int, start_m: float, motors: bool
 ) -> tuple[Floats, Floats]:
-    """True range and d of each frame."""
+    """Return true range and d of each frame."""
 
     def place(time_s: float) -> tuple[float, float, float]:
         return max(start_m - plan.speed_m_s * time_s, 0.0), 0.0, -plan.height_m
@@ -108,7 +108,7 @@ def _walk(
 def frames(
     one: Scenario, place: Callable[[float], tuple[float, float, float]], heading: float, span_s: float, *, motors: bool
 ) -> Iterator[tuple[float, float]]:
-    """True range and d of each frame of a receiver that is carried past its transmitter, which lies at the origin.
+    """Yield true range and d of each frame of a receiver that is carried past its transmitter at the origin.
 
     `place`: NED, metres, by the time; `heading`: radians.
     """
@@ -130,7 +130,10 @@ def frames(
 
 
 def alone(scenario: Scenario, attitude: tuple[float, float, float], number: int) -> Scenario:
-    """The scenario with its first transmitter alone, at the origin, and the seed of a walk. `attitude`: degrees."""
+    """Return the scenario with its first transmitter alone, at the origin, and the seed of a walk.
+
+    `attitude`: degrees.
+    """
     first: Transmitter = replace(
         scenario.transmitters[0],
         ned=(0.0, 0.0, 0.0),

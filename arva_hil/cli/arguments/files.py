@@ -148,14 +148,14 @@ def range_test(parser: CommandParser) -> None:
 
 
 def scheduler(text: str) -> str:
-    """A converter that accepts only addresses of a Dask scheduler."""
+    """Convert the address of a Dask scheduler."""
     if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", text):
         raise ValueError(f"{text!r}: expected an address such as tcp://192.168.1.5:8786")
     return text
 
 
 def shard(text: str) -> tuple[int, int]:
-    """A converter for K/N, with K from 1 to N."""
+    """Convert K/N, with K from 1 to N."""
     match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
     k, n = map(int, match.groups()) if match else (0, 0)
     if not 1 <= k <= n:

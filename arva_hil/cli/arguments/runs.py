@@ -157,7 +157,7 @@ wind = numbers("N,E,D in m/s, at most 50 each, e.g. --wind=3,-1,0", *[(-50, 50)]
 
 
 def failsafe(text: str) -> tuple[str, float]:
-    """A converter for NAME@SECONDS."""
+    """Convert NAME@SECONDS."""
     name, _, seconds = text.partition("@")
     try:
         return FAILSAFES[FAILSAFES.index(name)], number(0, 86_400)(seconds or "0")

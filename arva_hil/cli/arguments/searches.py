@@ -152,13 +152,13 @@ def add_plan(parser: CommandParser) -> None:
 
 
 def strip_width(text: str) -> float | str:
-    """A converter for a width in metres, or where it is to be taken from."""
+    """Convert a width in metres, or the name of a receiver that gives it."""
     is_number = not text or text[0] in "+-.0123456789"
     return number(1, 1000, " of m")(text) if is_number else text
 
 
 def victims(text: str) -> int | str:
-    """A converter for how many are searched for, or all."""
+    """Convert the number of transmitters to find, or `all`."""
     try:
         return text if text == "all" else whole(1, _MOST_VICTIMS)(text)
     except ValueError as error:
@@ -166,7 +166,7 @@ def victims(text: str) -> int | str:
 
 
 def area(text: str) -> tuple[float, ...]:
-    """A converter for south,west,north,east."""
+    """Convert south,west,north,east."""
     south, west, north, east = numbers(_AREA, *[(-_FAR_M, _FAR_M)] * 4)(text)
     if not (south < north and west < east):
         raise ValueError(f"{text!r}: expected {_AREA}")

@@ -124,7 +124,7 @@ _place: Final = numbers(
 
 
 def surveyed(text: str) -> tuple[int, float, float, float]:
-    """A converter for ID=LAT,LON,ALT."""
+    """Convert ID=LAT,LON,ALT."""
     id_, equals, place = text.partition("=")
     if not equals:
         raise ValueError(f"{text!r}: expected ID=LAT,LON,ALT, e.g. 1=46.0123,7.7456,1650")
@@ -133,7 +133,7 @@ def surveyed(text: str) -> tuple[int, float, float, float]:
 
 
 def fault(text: str) -> Fault | None:
-    """A converter for a fault; `none` is None."""
+    """Convert a fault; `none` becomes None."""
     from arva_hil.config import parse_fault  # slow to import
 
     return None if text == "none" else parse_fault(text)
@@ -150,12 +150,12 @@ def observer(text: str) -> tuple[str, dict[str, str]]:
 
 
 def foxglove(text: str) -> HostPort:
-    """A converter for where the messages are served."""
+    """Convert the address of the server of messages."""
     return parse_address(text, FOXGLOVE)
 
 
 def web(text: str) -> HostPort | str:
-    """A converter for where the page is; "off" is none."""
+    """Convert the address of the page; "off" means none."""
     if text in ("on", OFF):
         return OFF if text == OFF else HostPort()
     try:

@@ -64,13 +64,16 @@ _OTHER_PROTOCOLS: Final = (  # the bytes of a protocol → its name
 
 
 def rate(times: Iterable[float], now: float, window_s: float = 2.0) -> float:
-    """Messages per second in the last `window_s` [s]; 0 if there are fewer than two."""
+    """Return messages per second in the last `window_s` [s]; 0 if there are fewer than two."""
     recent = [t for t in times if t > now - window_s]
     return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 and now > recent[0] else 0.0
 
 
 def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool | None = None) -> Finding:
-    """No byte came. `accepted`: whether a TCP server has accepted the connection; None if that is not known."""
+    """Judge a link without any byte.
+
+    `accepted`: whether a TCP server has accepted the connection; None if that is not known.
+    """
     found = f"no byte came in {seconds:.1f} s"
     if refused:
         found += ": no program listens there"
@@ -84,7 +87,7 @@ def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool 
 
 
 def garbage(kind: str, size: int, sample: bytes) -> Finding:
-    """Bytes came, but no packet. `sample`: the first bytes."""
+    """Judge bytes without a packet. `sample`: the first bytes."""
     found = f"none in {size} bytes"
     for mark, who in _OTHER_PROTOCOLS:
         if re.search(mark, sample):
@@ -97,7 +100,10 @@ def garbage(kind: str, size: int, sample: bytes) -> Finding:
 
 
 def baud(device: str, tried: Sequence[int], found: int | None) -> Finding:
-    """The first rate of `tried` brought bytes without packets. `found`: the rate that brought packets, or None."""
+    """Judge a serial port whose first rate of `tried` gave bytes without packets.
+
+    `found`: the rate that brought packets, or None.
+    """
     if found is None:
         rates = ", ".join(map(str, tried))
         return Finding(
@@ -137,7 +143,7 @@ def signing(t: Traffic) -> Finding:
 
 
 def other_senders(count: int, first: str) -> Finding | None:
-    """Datagrams of other senders than the vehicle at a UDP port; None if there are none."""
+    """Return datagrams of other senders than the vehicle at a UDP port; None if there are none."""
     if not count:
         return None
     found = f"{count} datagrams of other senders are ignored; the first was from {first}"
@@ -174,7 +180,7 @@ def heartbeat(
 
 
 def target(sources: Sequence[Source]) -> dict[str, str | None]:
-    """The options that choose an autopilot that was heard; N if there are several."""
+    """Return the options that choose an autopilot that was heard; N if there are several."""
     pilots = [s for s in sources if s.pilot]
     if len(pilots) != 1:
         return {"target_system": "N", "target_component": None} if pilots else {}
@@ -183,7 +189,7 @@ def target(sources: Sequence[Source]) -> dict[str, str | None]:
 
 
 def _choose(pilots: Sequence[Source]) -> str:
-    """The options that name each of the autopilots."""
+    """Return the options that name each of the autopilots."""
     component = {s: f" --target-component {s.component}" if s.component != 1 else "" for s in pilots}
     return " or ".join(f"--target-system {s.system}{component[s]}" for s in pilots)
 
@@ -207,7 +213,7 @@ def stream(s: StreamRate) -> Finding:
 
 
 def slowest(streams: Sequence[StreamRate]) -> int | None:
-    """The rate to ask for [Hz] if a stream is much slower than asked; None if all are fast enough."""
+    """Return the rate to ask for [Hz] if a stream is much slower than asked; None if all are fast enough."""
     slow = [s.hz for s in streams if s.hz and not s.recorded and s.hz < ENOUGH * s.wanted_hz]
     return max(1, round(min(slow))) if slow else None
 

@@ -149,7 +149,7 @@ class AutopilotProbe:
         return self._link.strangers, self._link.stranger
 
     def sources(self) -> list[Source]:
-        """Autopilots first."""
+        """Return the sources, autopilots first."""
         return sorted(self._sources.values(), key=lambda source: not source.pilot)
 
     def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[StreamRate]:

@@ -15,7 +15,7 @@ _OURS: Final = re.compile(
 
 
 def held(check: str, link: str, what: str) -> Finding | None:
-    """The finding if `what`, an error or a command line, names a running arva-hil command; else None."""
+    """Return the finding if `what`, an error or a command line, names a running arva-hil command; else None."""
     if (found := _OURS.search(what)) is None:
         return None
     command = "run" if found["command"] == "-" else found["command"]
@@ -30,7 +30,7 @@ def held(check: str, link: str, what: str) -> Finding | None:
 
 
 def no_port(candidates: Sequence[SerialPort]) -> Finding:
-    """No port was named, and only the autopilot's link is examined. `candidates`: those that are free."""
+    """Report that no port was named: only the autopilot's link is examined. `candidates`: those that are free."""
     names = ", ".join(port.device for port in candidates[:6])
     there = f"free: {names}" if candidates else "no serial port is free for it"
     cures = [*[f"--port {port.device}" for port in candidates if port.usb][:1], "--port pty", "or --format tunnel"]

@@ -41,7 +41,7 @@ class Switch:
         return since is not None
 
     def random(self, number: int) -> Random:
-        """The random numbers for one frame."""
+        """Return the random numbers for one frame."""
         return Random(f"{self._key} {number}")
 
 
@@ -132,7 +132,7 @@ class FaultyReceiver:
 
 
 def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
-    """Noise up to `value` times the receiver's specified noise, from its own random numbers."""
+    """Return noise up to `value` times the receiver's specified noise, from its own random numbers."""
     noise, bound_m = scenario.receiver.noise, _LIMIT_RANGE_M / math.cbrt(switch.fault.value)
     kind = "uniform" if noise.kind == "off" else noise.kind
     seed = switch.random(-1).getrandbits(63)
@@ -147,7 +147,7 @@ def _moved(look: Look, switch: Switch) -> Look:
 
 
 def _fading(look: Look, switch: Switch) -> Look:
-    """The transmitter's field falls linearly to zero."""
+    """Reduce the transmitter's field linearly to zero."""
     assert switch.since_s is not None
     assert switch.fault.over_s is not None
     return _weakened(look, switch, max(0.0, 1 - switch.since_s / switch.fault.over_s))

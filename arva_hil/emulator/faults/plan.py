@@ -43,7 +43,7 @@ class Faults:
         self.receiver.use(self._switches)
 
     def begin(self, number: int, time_s: float) -> None:
-        """Frame `number` is about to be made; `time_s` is its instant from the start of the run."""
+        """Begin frame `number`; `time_s` is its instant from the start of the run."""
         time_us = round(time_s * 1e6)
         self._on = [switch for switch in self._switches if switch.turn(time_us)]
         self._number = number
@@ -69,7 +69,7 @@ class Faults:
         return sending.frame, len(queued)
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """For each fault by name: how many frames and how many bytes it changed."""
+        """Return the number of frames and bytes that each fault changed, by its name."""
         stages = {switch.fault.name: switch.stage for switch in self._switches}
         return {
             name: {"frames": self._frames[name]} | ({"bytes": self._bytes[name]} if stage == "wire" else {})
@@ -77,7 +77,7 @@ class Faults:
         }
 
     def _garble(self, queued: list[QueuedFrame], data: bytes, switches: list[Switch]) -> list[QueuedFrame]:
-        """The copies after the faults on the wire. Empty ones are removed."""
+        """Return the copies after the faults on the wire. Empty ones are removed."""
         left = [data] * len(queued)
         for switch in switches:
             random, hits = switch.random(self._number), 0

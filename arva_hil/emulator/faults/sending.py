@@ -16,7 +16,7 @@ from firmware_proto import Frame
 
 
 def _truncate(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """With this probability, cut the end off: at least one byte stays, and at least one is removed."""
+    """Cut the end off with this probability: at least one byte stays, and at least one is removed."""
     if random.random() >= share or len(data) < 2:
         return data, 0
     kept = random.randrange(1, len(data))
@@ -24,7 +24,7 @@ def _truncate(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
 
 
 def _corrupt(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """With this probability, change one byte at a random place."""
+    """Change one byte at a random place with this probability."""
     if random.random() >= share or not data:
         return data, 0
     at = random.randrange(len(data))
@@ -38,7 +38,7 @@ def _drop_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
 
 
 def _insert_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """With this probability, insert a different byte after each byte but the last."""
+    """Insert a different byte after each byte but the last, with this probability."""
     more = bytearray()
     for byte in data[:-1]:
         more.append(byte)
@@ -49,7 +49,7 @@ def _insert_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int
 
 
 def _flip_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """With this probability, flip one bit of each byte."""
+    """Flip one bit of each byte with this probability."""
     flips = [1 << random.randrange(8) if random.random() < share else 0 for _ in data]
     return bytes(byte ^ flip for byte, flip in zip(data, flips, strict=True)), sum(map(bool, flips))
 
@@ -60,7 +60,7 @@ def _baud_ratio(data: bytes, ratio: float, random: Random) -> tuple[bytes, int]:
 
 
 def resample(data: bytes, ratio: float) -> bytes:
-    """The bytes that a host receives if the receiver's baud rate is `ratio` times the host's. 8N1, sampled mid-bit.
+    """Return the bytes that a host receives from a receiver with `ratio` times its baud rate. 8N1, sampled mid-bit.
 
     A byte without a stop bit is accepted too, as serial ports do by default. A mismatch of up to 5 % changes nothing.
     """

@@ -39,7 +39,7 @@ def no_vehicle(why: NoVehicle) -> str:
 
 
 def no_pose(why: NoPose) -> str:
-    """Why a vehicle that was found has no pose."""
+    """Return the reason why a vehicle has no pose."""
     if why.reason in _NO_POSE:
         return _NO_POSE[why.reason]
     if why.reason == "no truth":
@@ -50,7 +50,7 @@ def no_pose(why: NoPose) -> str:
 
 
 def request(command: str, asked_hz: float, result: str) -> str:
-    """A request for a stream and its result; "" if nothing is known."""
+    """Return a request for a stream and its result; "" if nothing is known."""
     if not command:
         return ""
     if command == "REQUEST_DATA_STREAM":

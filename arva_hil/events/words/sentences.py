@@ -13,7 +13,7 @@ from arva_hil.events.words.text import Level, Notice
 
 
 def sentence(event: Event, *, named: bool = False) -> Notice | None:
-    """An event for a person; None if a person is told nothing. `named`: with the vehicle's or receiver's name."""
+    """Return the notice of an event; None without one. `named`: with the vehicle's or receiver's name."""
     if isinstance(event, searches.FromSearch):
         told = sentence(event.event)
         return told and Notice(told.level, f"{event.vehicle or 'search'}: {told.text}")

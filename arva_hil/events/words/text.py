@@ -44,7 +44,7 @@ def sigma(metres: float) -> str:
 
 
 def reading(channels: Iterable[Channel]) -> str:
-    """The channels of a frame that hear, e.g. '#1 mid 1046 cm +12°', or 'no signal'.
+    """Return the channels of a frame with a signal, e.g. '#1 mid 1046 cm +12°', or 'no signal'.
 
     The inner zone has no direction. A frame format without zones gives OUTER, in which nothing is heard.
     """
@@ -58,7 +58,7 @@ def _channel(c: Channel) -> str:
 
 
 def aligned(c: Channel) -> str:
-    """A channel as in `reading`, with each part in its own columns; WIDTH characters."""
+    """Return a channel as in `reading`, with each part in its own columns; WIDTH characters."""
     id_ = "#?" if c.id is None else f"#{c.id}"
     zone = "" if c.zone == OUTER else _zone(c.zone)
     delta = "" if c.zone == INNER else f"{c.delta:+d}°"
@@ -66,12 +66,12 @@ def aligned(c: Channel) -> str:
 
 
 def coloured(line: str, colour: int) -> str:
-    """A line in one of the colours above."""
+    """Return a line in one of the colours above."""
     return f"\x1b[38;5;{colour}m{line}\x1b[0m"
 
 
 def frame_json(frame: Frame) -> dict[str, Any]:
-    """A frame as one JSON object."""
+    """Return a frame as one JSON object."""
     measured = frame.measured
     return {
         "seq": frame.sequence,
@@ -85,7 +85,7 @@ def frame_json(frame: Frame) -> dict[str, Any]:
 
 
 def notice(said: Notice, colour: bool, columns: int | None = None) -> str:
-    """One line, `wrapped` at `columns`. It begins with the level if that is a warning or an error."""
+    """Return one line, `wrapped` at `columns`. It begins with the level if that is a warning or an error."""
     level = "" if said.level == "info" else f"{said.level}: "
     line = wrapped(one_line(level + said.text), columns)
     return coloured(line, _COLOURS[said.level]) if colour and level else line
@@ -106,7 +106,7 @@ _NAMES: Final = 3  # names take at most a third of the terminal's columns
 
 
 def status_line(report: StatusReport, *, named: bool = False) -> str:
-    """The whole status in one line of any length."""
+    """Return the whole status in one line of any length."""
     rows = ((f"{name}: " if named else "", readings, rest) for name, readings, rest in _rows(report, in_columns=False))
     return " || ".join(name + BETWEEN.join([", ".join(readings), *rest]) for name, readings, rest in rows)
 
@@ -130,7 +130,7 @@ def status_table(report: StatusReport, columns: int, most: int, *, named: bool =
 
 
 def fit(parts: Sequence[str], columns: int) -> str:
-    """As many of the parts as fit, from the left. The first part is cut if it is too long."""
+    """Join as many of the parts as fit, from the left. The first part is cut if it is too long."""
     line = parts[0][:columns]
     for part in parts[1:]:
         if len(line) + len(BETWEEN) + len(part) > columns:
@@ -140,7 +140,7 @@ def fit(parts: Sequence[str], columns: int) -> str:
 
 
 def _rows(report: StatusReport, *, in_columns: bool) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Each receiver: its name, a reading for each channel that hears, nearest first, and the rest by importance."""
+    """Yield for each receiver: name, readings with a signal, nearest first, and the rest by importance."""
     for vehicle in report.vehicles:
         of_vehicle = _of_vehicle(vehicle)
         for receiver in vehicle.receivers:

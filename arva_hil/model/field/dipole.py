@@ -57,7 +57,7 @@ class Transmitters:
         return numbers
 
     def field_at(self, point: Array) -> Array:
-        """The field (M, 3) of each transmitter at a point (3,), NED, as from `dipole_field`, in the medium."""
+        """Return the field (M, 3) of each transmitter at a point (3,), NED, as from `dipole_field`, in the medium."""
         air = self.medium is AIR
         strengths = self.strengths if air else self.strengths * self.medium.loss(self.positions)
         moments = _columns(_moments(self.rotations, strengths))
@@ -65,7 +65,7 @@ class Transmitters:
         return h if air else self.medium.applied(h, point - self.positions)
 
     def ranges(self, point: ArrayLike) -> dict[int, float]:
-        """The distance [m] of each transmitter from a point (3,) in NED, by id."""
+        """Return the distance [m] of each transmitter from a point (3,) in NED, by id."""
         at = vector("point", point, 3).tolist()
         every = zip(self.ids, self.positions.tolist(), strict=True)
         return {id_: math.dist(at, place) for id_, place in every if id_ not in self.unplaced}
@@ -96,7 +96,7 @@ class Waypoints:
             raise ValueError("waypoints need one point or more, each later than the one before")
 
     def at(self, time_s: float) -> Array:
-        """The position (3,) at a time, NED, metres."""
+        """Return the position (3,) at a time, NED, metres."""
         first, last = self.times[0], self.times[-1]
         if self.end == "loop" and time_s > last > first:
             time_s = first + (time_s - first) % (last - first)
@@ -146,7 +146,7 @@ class MovingTransmitters:
 
 
 def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, strengths: ArrayLike) -> Array:
-    """The field (..., M, 3) in NED of each of M dipoles at each of the points (..., 3) in NED, metres.
+    """Return the field (..., M, 3) in NED of each of M dipoles at each of the points (..., 3) in NED, metres.
 
     `positions` (M, 3) in NED, metres; `rotations` (M, 3, 3) transmitter → NED, the dipole along the transmitter's x;
     `strengths` (M,) κ‖m‖, 1 for the reference transmitter. The field is in units of that: 1 / (2π) on the axis at 1 m.
@@ -175,7 +175,7 @@ def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, 
 
 @np.errstate(all="ignore")  # where the formula fails, `one_field` is used
 def field_of(places: Array, positions: Array, moments: Array) -> Array:
-    """The field (3, M, N) of dipoles at places, NED: each argument (3, M, N), with 1 for M or N where it does not vary.
+    """Return the field (3, M, N) of dipoles at places, NED. Arguments: (3, M, N), with 1 for a constant M or N.
 
     `moments`: axis times strength / 4π.
     """
@@ -189,7 +189,7 @@ def field_of(places: Array, positions: Array, moments: Array) -> Array:
 
 
 def field_times_cube(r: Array, moments: Array) -> tuple[Array, Array]:
-    """The field times the cube of the distance (3, M, N), and the square of the distance (M, N).
+    """Return the field times the cube of the distance (3, M, N), and the square of the distance (M, N).
 
     `r` (3, M, N): from the dipoles to the places; it is overwritten. `moments` as for `field_of`.
     """
@@ -201,7 +201,7 @@ def field_times_cube(r: Array, moments: Array) -> tuple[Array, Array]:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """The scalar products (M, N). `einsum` would round differently for other shapes."""
+    """Return the scalar products (M, N). `einsum` would round differently for other shapes."""
     product: Array = a[0] * b[0]
     product += a[1] * b[1]
     product += a[2] * b[2]
@@ -211,7 +211,7 @@ def _dot(a: Array, b: Array) -> Array:
 def one_field(
     north: float, east: float, down: float, mn: float, me: float, md: float
 ) -> tuple[float, float, float, float]:
-    """The distance [m], and the field in NED, of one dipole at one place.
+    """Return the distance [m], and the field in NED, of one dipole at one place.
 
     The formula of `field_of` in plain numbers: one reading takes a third of the time. `north`, `east`, `down`: from the
     dipole to the place; `mn`, `me`, `md`: its moment.
@@ -227,11 +227,11 @@ def one_field(
 
 
 def _moments(rotations: Array, strengths: Array) -> Array:
-    """The moments (M, 3): axis times strength / 4π."""
+    """Return the moments (M, 3): axis times strength / 4π."""
     moments: Array = (strengths / (4 * np.pi))[:, None] * rotations[:, :, 0]
     return moments
 
 
 def _columns(rows: Array) -> Array:
-    """Vectors (M, 3) as (3, M, 1), for `field_of`."""
+    """Return vectors (M, 3) as (3, M, 1), for `field_of`."""
     return np.ascontiguousarray(rows.T)[:, :, None]

@@ -21,7 +21,7 @@ _E2 = _F * (2 - _F)  # first eccentricity squared; the second is _E2 / (1 − _F
 
 
 def to_ecef(lat_deg: ArrayLike, lon_deg: ArrayLike, alt_m: ArrayLike) -> Array:
-    """Earth-centred, Earth-fixed position (..., 3), metres."""
+    """Return earth-centred, Earth-fixed position (..., 3), metres."""
     lat, lon, alt = np.radians(lat_deg), np.radians(lon_deg), np.asarray(alt_m, float)
     normal = _A / np.sqrt(1 - _E2 * np.sin(lat) ** 2)
     across = (normal + alt) * np.cos(lat)
@@ -76,7 +76,7 @@ class LocalFrame:
         self._axes = tuple(map(tuple, self._ned_to_ecef.T.tolist()))
 
     def ned(self, lat_deg: ArrayLike, lon_deg: ArrayLike, alt_m: ArrayLike) -> Array:
-        """Position (..., 3) in this frame of latitudes, longitudes and altitudes, each (...)."""
+        """Return position (..., 3) in this frame of latitudes, longitudes and altitudes, each (...)."""
         lat_deg, lon_deg, alt_m = floats("lat_deg", lat_deg), floats("lon_deg", lon_deg), floats("alt_m", alt_m)
         ned: Array = (to_ecef(lat_deg, lon_deg, alt_m) - self._origin) @ self._ned_to_ecef
         return ned

@@ -30,7 +30,7 @@ _GOLDEN: Final = 0x9E3779B97F4A7C15  # the step of SplitMix64
 
 
 def jitter_limit_s(period_s: float, pulse_s: float) -> float:
-    """The jitter has to be below this, so that a pause stays between any two pulses."""
+    """Return the limit of the jitter that leaves a pause between any two pulses."""
     return (period_s - pulse_s) / (2 * _WORST_JITTER)
 
 
@@ -83,12 +83,12 @@ class Keying:
         return 0.0 if self.leak_db is None else 10 ** (self.leak_db / 20)
 
     def pulses(self, t0: float, t1: float) -> Pulses:
-        """The pulses that start in [t0, t1)."""
+        """Return the pulses that start in [t0, t1)."""
         return pulses_of([self], t0, t1)[1]
 
 
 def pulses_of(keyings: Sequence[Keying], t0: float, t1: float) -> tuple[NDArray[np.int64], Pulses]:
-    """The pulses of several transmitters that start in [t0, t1), one after the other, and the index of each sender.
+    """Return the pulses of several transmitters that start in [t0, t1), in order, and the index of each sender.
 
     Those of many need hardly more time than those of one.
     """
@@ -147,7 +147,7 @@ KEYING_CLASSES: Final = {
 
 
 def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 20.0) -> Keying:
-    """One set of a class. Period, phase, carrier and clock are drawn from a seed and the transmitter's id."""
+    """Return a set of a class. Period, phase, carrier and clock are drawn from a seed and the transmitter's id."""
     rng = np.random.Generator(np.random.PCG64([seed, id_]))
     uniform, clock, phase = rng.random(3).tolist()
     normal, carrier = rng.standard_normal(2).tolist()
@@ -167,7 +167,7 @@ def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 2
 
 
 def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
-    """One sentence for each value of a transmitter that is outside EN 300 718-1, with the limit.
+    """Yield one sentence for each value of a transmitter that is outside EN 300 718-1, with the limit.
 
     `strength`: the field on the axis at 10 m, µA/m.
     """
@@ -185,7 +185,7 @@ def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
 
 
 def _normals(seeds: NDArray[np.uint64], numbers: NDArray[np.int64]) -> Array:
-    """A normal random number for each pulse number, limited to `_WORST_JITTER`: Box-Muller of hashed counters."""
+    """Return a normal random number for each pulse, limited to `_WORST_JITTER`: Box-Muller of hashed counters."""
     counters = 2 * numbers.astype(np.uint64) + seeds
     radius, angle = _uniform(np.stack([counters, counters + np.uint64(1)]))
     normals: Array = np.sqrt(-2 * np.log(1 - radius)) * np.cos(2 * np.pi * angle)
@@ -193,7 +193,7 @@ def _normals(seeds: NDArray[np.uint64], numbers: NDArray[np.int64]) -> Array:
 
 
 def _uniform(counters: NDArray[np.uint64]) -> Array:
-    """In [0, 1), by SplitMix64."""
+    """Return numbers in [0, 1), by SplitMix64."""
     z = counters * np.uint64(_GOLDEN)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

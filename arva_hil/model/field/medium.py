@@ -24,7 +24,7 @@ _WAVE_NUMBER: Final = _OMEGA / _LIGHT_M_S  # 1/m
 
 
 def skin_depth_m(conductivity_s_m: float, permittivity: float = 1.0) -> float:
-    """The depth [m] at which a field at 457 kHz has fallen to 1/e; infinite without conductivity.
+    """Return the depth [m] at which a field at 457 kHz has fallen to 1/e; infinite without conductivity.
 
     `permittivity`: relative to that of the vacuum.
     """
@@ -56,7 +56,10 @@ class Medium:
             raise ValueError(f"snow_skin_depth_m {self.snow_skin_depth_m:g}: expected above 0")
 
     def applied(self, h: Array, r: Array) -> Array:
-        """The field (..., M, 3) in this medium from that of static dipoles. `r` (..., M, 3): from each to the point."""
+        """Return the field (..., M, 3) in this medium from that of static dipoles.
+
+        `r` (..., M, 3): from each to the point.
+        """
         if self.dipole == "full":
             squared = np.add.reduce(r * r, axis=-1, keepdims=True)
             along = r * (np.add.reduce(h * r, axis=-1, keepdims=True) / np.maximum(squared, 1e-300))
@@ -65,7 +68,7 @@ class Medium:
         return h
 
     def loss(self, positions: Array) -> Array:
-        """The factor (M,) of each transmitter at positions (M, 3), NED, for the snow above it."""
+        """Return the factor (M,) of each transmitter at positions (M, 3), NED, for the snow above it."""
         depth = np.maximum(positions[:, 2] - self.surface_m, 0.0)
         factor: Array = np.exp(-depth / self.snow_skin_depth_m)
         return factor

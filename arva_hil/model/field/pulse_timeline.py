@@ -42,7 +42,7 @@ class PulseTimeline:
         self._from_s = start_s  # of the next stretch
 
     def next_end(self, after_s: float, until_s: float) -> float:
-        """The end of the first pulse that ends after `after_s`; at most `until_s`."""
+        """Return the end of the first pulse that ends after `after_s`; at most `until_s`."""
         while self._waiting and self._waiting[-1].pulse.end_s <= after_s:
             self._waiting.pop()
         while not self._waiting and self._from_s < until_s:
@@ -51,7 +51,7 @@ class PulseTimeline:
         return min(self._waiting[-1].pulse.end_s, until_s) if self._waiting else until_s
 
     def take(self, until_s: float) -> Iterator[SentPulse]:
-        """The pulses that end until `until_s` and that `next_end` has not skipped, in their order."""
+        """Yield the pulses that end until `until_s` and that `next_end` has not skipped, in their order."""
         while self._waiting and self._waiting[-1].pulse.end_s <= until_s:
             yield self._waiting.pop()
 
@@ -73,7 +73,7 @@ class PulseTimeline:
 
 
 def _touching(every: Sequence[Pulse]) -> list[list[Pulse]]:
-    """For each pulse the pulses of other transmitters at the same time. `every`: sorted by their starts."""
+    """Return for each pulse the pulses of other transmitters at the same time. `every`: sorted by their starts."""
     touching: list[list[Pulse]] = [[] for _ in every]
     for n, pulse in enumerate(every):
         for m in range(n + 1, len(every)):

@@ -12,7 +12,7 @@ NO_ROTATION = "a quaternion of length 0, or not finite, is no rotation"
 
 
 def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """The quaternion of angles in radians, FRD → NED, yaw first."""
+    """Return the quaternion of angles in radians, FRD → NED, yaw first."""
     sr, cr = math.sin(roll / 2), math.cos(roll / 2)
     sp, cp = math.sin(pitch / 2), math.cos(pitch / 2)
     sy, cy = math.sin(yaw / 2), math.cos(yaw / 2)
@@ -25,13 +25,13 @@ def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def unit(w: float, x: float, y: float, z: float) -> Quaternion:
-    """The quaternion with length 1. Its length must not be 0."""
+    """Return the quaternion with length 1. Its length must not be 0."""
     length = math.hypot(w, x, y, z)
     return w / length, x / length, y / length, z / length
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The rotation b followed by a."""
+    """Return the rotation b followed by a."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -43,7 +43,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def slerp(a: Quaternion, b: Quaternion, u: float) -> Quaternion:
-    """From a (u = 0) to b (u = 1), both of length 1, the shortest way at a constant rate."""
+    """Interpolate from a (u = 0) to b (u = 1), both of length 1, on the shortest path at a constant rate."""
     if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0:
         b = -b[0], -b[1], -b[2], -b[3]
     turn = 2 * math.atan2(math.dist(a, b), math.hypot(a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]))  # ≤ π/2
@@ -58,14 +58,14 @@ def _sinc(x: float) -> float:
 
 
 def matrix(w: float, x: float, y: float, z: float) -> tuple[Row, Row, Row]:
-    """The rotation matrix, body → world, of a quaternion of any length but 0. Raises ValueError for that."""
+    """Return the rotation matrix, body → world, of a quaternion of any length but 0. Raises ValueError for that."""
     length = _length(w, x, y, z)
     first, second, third = rows(w / length, x / length, y / length, z / length)
     return first, second, third
 
 
 def upright(w: float, x: float, y: float, z: float) -> float:
-    """The cosine of the tilt: the last number of the `matrix`."""
+    """Return the cosine of the tilt: the last number of the `matrix`."""
     length = _length(w, x, y, z)
     x, y = x / length, y / length
     return 1 - 2 * (x * x + y * y)
@@ -79,7 +79,7 @@ def _length(w: float, x: float, y: float, z: float) -> float:
 
 
 def rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:
-    """The rows of the rotation matrix of a quaternion of length 1, whose numbers may be arrays."""
+    """Return the rows of the rotation matrix of a quaternion of length 1, whose numbers may be arrays."""
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
@@ -88,7 +88,7 @@ def rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:
 
 
 def heading(q: Quaternion) -> float:
-    """The yaw of a rotation, body FRD → NED, in radians; also at pitch ±π/2, where it fits to the roll."""
+    """Return the yaw of a rotation, body FRD → NED, in radians; also at pitch ±π/2, where it fits to the roll."""
     a, b, c = matrix(*q)
     roll = math.atan2(c[1], c[2])
     cos, sin = math.cos(roll), math.sin(roll)

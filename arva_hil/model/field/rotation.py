@@ -14,7 +14,7 @@ from arva_hil.model.field.quaternion import NO_ROTATION, matrix, rows
 
 
 def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
-    """Quaternion (..., 4) of yaw about z, then pitch about the new y, then roll about the new x."""
+    """Return quaternion (..., 4) of yaw about z, then pitch about the new y, then roll about the new x."""
     r, p, y = (np.asarray(angle, float) / 2 for angle in (roll, pitch, yaw))
     cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
     return _stack(
@@ -40,7 +40,7 @@ def to_euler(rotation: ArrayLike) -> Array:
 
 
 def to_matrix(q: ArrayLike) -> Array:
-    """Rotation matrix (..., 3, 3), body → world, of a quaternion (..., 4)."""
+    """Return rotation matrix (..., 3, 3), body → world, of a quaternion (..., 4)."""
     if isinstance(q, tuple) and len(q) == 4 and isinstance(q[0], float):  # a single one, as it is nearly always
         return np.array(matrix(*q))
     q = np.asarray(q, float)
@@ -66,7 +66,7 @@ class Mount:
         self._turned = not np.array_equal(self._rotation, np.eye(3))
 
     def pose(self, position: ArrayLike, attitude: ArrayLike) -> tuple[Array, Array]:
-        """The pose of the mounted part: p (..., 3) in NED, metres, and R (..., 3, 3), mounted → NED.
+        """Return the pose of the mounted part: p (..., 3) in NED, metres, and R (..., 3, 3), mounted → NED.
 
         From the vehicle's position (..., 3) in NED, metres, and its attitude (..., 4), body → NED.
         """

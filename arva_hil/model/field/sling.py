@@ -32,7 +32,7 @@ class Sling:
         self._swing = [(0.0, 0.0), (0.0, 0.0)]  # north, east: offset from the point of suspension [m], and its rate
 
     def hang(self, time_s: float, position: Array, velocity: Array, rotation: Array) -> tuple[Array, Array]:
-        """The pose of the load at a time: position (3,) NED [m] and load → NED (3, 3).
+        """Return the pose of the load at a time: position (3,) NED [m] and load → NED (3, 3).
 
         `position` (3,) of the point of suspension and `velocity` (3,) of the vehicle, NED; `rotation` (3, 3), vehicle →
         NED. The load has the vehicle's heading and is tilted with the rope. Times of calls never go back.
@@ -50,7 +50,7 @@ class Sling:
         return self._pose(x, y, position, rotation)
 
     def _swung(self, offset: float, rate: float, acceleration: float, span: float) -> tuple[float, float]:
-        """Offset and rate of one axis after the time `span` with this acceleration of the point of suspension."""
+        """Return offset and rate of one axis after the time `span`, with this acceleration of the upper end."""
         pole = self._pole
         rest = -acceleration / abs(pole) ** 2
         # offset − rest = Re(c · exp(pole · t)) with the rate Re(c · pole · exp(pole · t))

@@ -26,7 +26,7 @@ class TerrainGrid:
             raise ValueError(f"{len(self.heights) // 8} heights in {self.rows} × {self.columns} cells")
 
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
-        """The height [m AMSL], linear between the centres of cells; None outside of them, or beside a hole."""
+        """Return the height [m AMSL], linear between the centres of cells; None outside of them, or beside a hole."""
         down = round((self.north_deg - lat_deg) / self.cell_deg, 6)
         right = round((lon_deg - self.west_deg) / self.cell_deg, 6)
         if not (0 <= down <= self.rows - 1 and 0 <= right <= self.columns - 1):

@@ -35,6 +35,6 @@ class VehicleNoise:
             raise ValueError("the noise of a motor is 0 nA/m or more")
 
     def sigma_na_m(self, place: Sequence[float], load: float) -> float:
-        """Standard deviation at an antenna at `place` (3,), body FRD, metres; `load`: 0…1."""
+        """Return standard deviation at an antenna at `place` (3,), body FRD, metres; `load`: 0…1."""
         one = math.hypot(self.motor_na_m * load, self.line_na_m)
         return one * math.hypot(*((_AT_M / max(math.dist(place, motor), _NEAREST_M)) ** 3 for motor in self.motors))

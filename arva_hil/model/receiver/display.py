@@ -30,13 +30,13 @@ class Display:
         self._directions: dict[int, int] = {}  # by the transmitter's index
 
     def antennas(self, signal: Vector) -> Vector:
-        """The part of a signal at the antennas that the receiver has."""
+        """Return the part of a signal at the antennas that the receiver has."""
         x, y, z = signal
         there = self._options.antennas
         return x, y if there > 1 else 0.0, z if there > 2 else 0.0
 
     def shown(self, index: int, signal: Vector) -> Shown | None:
-        """The values for a signal; None: it is below the threshold."""
+        """Return the values of a signal; None below the threshold."""
         if (heard := output(signal, self._cbrt, self._near, self._inner_m, self._mid_m)) is None:
             return None
         d_cm, delta_deg, zone = heard

@@ -31,7 +31,7 @@ class NoiseDraws:
         self._drawn: list[list[float]] = []
 
     def draw(self, sigma: float) -> Vector:
-        """The next three, with this standard deviation."""
+        """Return the next three numbers, with this standard deviation."""
         if not self._drawn:
             self._drawn = self._rng.standard_normal((_BATCH, 3)).tolist()
         x, y, z = self._drawn.pop()
@@ -64,12 +64,12 @@ class Listening:
         return self._look.transmitters.ids if self._look else ()
 
     def ranges(self) -> dict[int, float]:
-        """The true distances [m] at the newest look, by id."""
+        """Return the true distances [m] at the newest look, by id."""
         look = self._look
         return look.transmitters.ranges(look.pose.position) if look and look.pose else {}
 
     def next_look(self, after_s: float) -> float:
-        """The time at which a pulse ends."""
+        """Return the time at which a pulse ends."""
         if self._look is None:
             return max(0.0, math.nextafter(after_s, math.inf))
         return self._timeline.next_end(after_s, after_s + _IDLE_S)
@@ -85,12 +85,12 @@ class Listening:
         return True
 
     def pulses(self) -> list[SentPulse]:
-        """The pulses that have ended since the last look."""
+        """Return the pulses that have ended since the last sample."""
         assert self._look is not None
         return list(self._timeline.take(self._look.time_s))
 
     def signals(self) -> Signals | None:
-        """The signal of a transmitter's full pulse at the antennas, by its index; None without a pose."""
+        """Return the signal of a transmitter's full pulse at the antennas, by its index; None without a pose."""
         look = self._look
         if look is None or look.pose is None:
             return None
@@ -112,7 +112,7 @@ class Listening:
         return every.__getitem__
 
     def noise(self, sender: int) -> Vector:
-        """The noise of the next pulse: the receiver's own, or interference."""
+        """Return the noise of the next pulse: the receiver's own, or interference."""
         look = self._look
         assert look is not None
         sigma_na_m = math.hypot(self._sigma_na_m, (look.impairment or _SOUND).noise_na_m)
@@ -125,7 +125,7 @@ class Listening:
         return x, y, z
 
     def limited(self, signal: Vector) -> Vector:
-        """A signal, limited by the saturation of the antennas."""
+        """Return a signal, limited by the saturation of the antennas."""
         assert self._look is not None
         limit_na_m = (self._look.impairment or _SOUND).saturation_na_m
         if self._options.saturation_na_m is not None:
@@ -157,5 +157,5 @@ class ListeningReceiver:
 
 
 def _keyings(there: Transmitters) -> tuple[Keying, ...]:
-    """The keyings of transmitters without one: those of modern sets."""
+    """Return the keyings of transmitters without one: those of modern sets."""
     return tuple(draw_keying(KEYING_CLASSES["modern"], 0, id_) for id_ in there.ids)

@@ -48,7 +48,7 @@ def readings(
     seed: int = 0,
     threads: int = 1,
 ) -> Readings:
-    """The readings at `positions` (N, 3) in NED, metres, turned by `rotations` (N, 3, 3) receiver → NED.
+    """Return the readings at `positions` (N, 3) in NED, metres, turned by `rotations` (N, 3, 3) receiver → NED.
 
     `antennas`: default those of the paper, with its noise. `seed`: of the noise, as in a scenario. `threads`: how many
     calculate; the result is the same.
@@ -108,7 +108,7 @@ class _Looks:
         self._inner_m2 = (inner_m**2 * _MARGIN)[:, None]
 
     def _field(self, d: float) -> float:
-        """The field that is shown as `d` metres."""
+        """Return the field for a reading of `d` metres."""
         return self._antennas.kappa_eq / (4 * math.pi) / d**3
 
     @np.errstate(all="ignore")  # right at a transmitter: it is left for `read_exactly`
@@ -145,18 +145,18 @@ class _Looks:
         return first * m + inner, draws.take(inner, axis=0)
 
     def _fields(self, places: Array, turns: Array) -> tuple[Array, Array]:
-        """The field at the antennas x and y, times the cube of the distance, (2, M, N), and its square (M, N)."""
+        """Return the field at the antennas x and y times the cube of the distance, (2, M, N), and its square (M, N)."""
         h, squared = field_times_cube(places[:, None] - self._from[:, :, None], self._dipoles[:, :, None])
         return np.einsum("imn,jin->jmn", h, turns), squared
 
     def _draws(self, first: int, count: int) -> Array:
-        """The random numbers (`count`, 3) of the pairs from the number `first` on."""
+        """Return the random numbers (`count`, 3) of the pairs from the number `first` on."""
         if self._antennas.noise == "off":
             return np.zeros((count, 3))
         return np.random.Generator(np.random.PCG64(self._seed).advance(3 * first)).random((count, 3))
 
     def _noise(self, draws: Array) -> Array:
-        """The noise (3, K), NED, from random numbers (K, 3)."""
+        """Return the noise (3, K), NED, from random numbers (K, 3)."""
         if self._antennas.noise == "off":
             return np.zeros((3, len(draws)))
         return noise_of(draws.T, self._antennas.noise, self._bound)
@@ -184,6 +184,6 @@ class _Looks:
 
 
 def _rounded(halves: Array) -> Ints:
-    """As `paper.rounded`: whole numbers, half away from zero, from how many halves there are."""
+    """Round as `paper.rounded`: whole numbers, half away from zero, from how many halves there are."""
     whole = halves.astype(np.int32)
     return (whole + (whole > 0)) >> 1

@@ -16,19 +16,19 @@ _AHEAD: Final = 256  # drawn at a time
 
 
 def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
-    """The largest ‖w‖ (eq. 5), for the reference transmitter: κ‖m‖ = 1."""
+    """Return the largest ‖w‖ (eq. 5), for the reference transmitter: κ‖m‖ = 1."""
     return 1 / (2 * math.pi * max(sensitivity) * floor_range_m**3)
 
 
 def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
-    """Noise w (m, 3) in NED, from 3 doubles for each of the m in any case; `off` is 0 and draws none."""
+    """Return noise w (m, 3) in NED, from 3 doubles for each of the m in any case; `off` is 0 and draws none."""
     if kind == "off":
         return np.zeros((m, 3))
     return np.ascontiguousarray(noise_of(rng.random((m, 3)).T, kind, bound).T)
 
 
 def noise_of(u: Array, kind: NoiseKind, bound: float) -> Array:
-    """Noise w (3, N) in NED from u (3, N) in [0, 1) (z, azimuth, magnitude): uniform on the sphere, ‖w‖ ≤ bound.
+    """Return noise w (3, N) in NED from u (3, N) in [0, 1) (z, azimuth, magnitude): uniform on the sphere, ‖w‖ ≤ bound.
 
     Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound.
     """
@@ -62,7 +62,7 @@ class NoiseSource:
         self._ahead: list[list[float]] = []
 
     def draw(self, m: int) -> Array:
-        """The next (m, 3), NED: see `draw_noise`."""
+        """Return the next (m, 3), NED: see `draw_noise`."""
         if m <= max(_AHEAD, len(self._ahead)):
             return np.array(self.draw_few(m)).reshape(m, 3)
         first = np.array(self._ahead).reshape(-1, 3)

@@ -54,7 +54,7 @@ class Antennas:
 
 
 def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
-    """The signal at the antennas (eq. 3): h_r = R_rᵀ h + Q R_rᵀ w, (..., M, 3) in the receiver's frame.
+    """Return the signal at the antennas (eq. 3): h_r = R_rᵀ h + Q R_rᵀ w, (..., M, 3) in the receiver's frame.
 
     h and w (..., M, 3) in NED, R_r (..., 3, 3) receiver → NED, Q (3,) the diagonal.
     """
@@ -81,14 +81,14 @@ def outputs(h_r: ArrayLike, kappa_eq: float, inner_m: float = INNER_M, mid_m: fl
 
 
 def near(kappa_eq: float, inner_m: float) -> float:
-    """A field that is weaker is not in the inner zone."""
+    """Return the weakest field of the inner zone."""
     return 0.9999 / inner_m**3 * kappa_eq / (4 * math.pi)
 
 
 def output(
     signal: tuple[float, float, float], scale: float, near: float, inner_m: float, mid_m: float
 ) -> tuple[int, int, int] | None:
-    """The output (d in cm, δ in degrees, zone) for a signal at the antennas; None: it is not heard.
+    """Return the output (d in cm, δ in degrees, zone) for a signal at the antennas; None without reception.
 
     `outputs` in plain numbers, for one transmitter.
 
@@ -207,7 +207,7 @@ class PaperReceiver:
         return obey(commands, name, values)
 
     def _hear(self, look: Look, pose: Pose, w: list[list[float]]) -> tuple[list[_Heard], dict[int, float]]:
-        """The transmitters that it hears, and the true ranges of all transmitters by id."""
+        """Return the received transmitters, and the true ranges of all transmitters by id."""
         t = look.transmitters
         if len(t.ids) > FEW or t.medium is not AIR or look.impairment is not None:
             h_r = receive(t.field_at(pose.position), pose.rotation, self._q, np.array(w))
@@ -250,7 +250,7 @@ class PaperReceiver:
         return (ChannelReading(*self._nothing, None),) * count
 
     def _wanted(self, heard: list[_Heard]) -> list[_Heard]:
-        """The transmitters to show: those that are not marked, or only the selected one."""
+        """Return the transmitters for the frame: those without a mark, or only the selected one."""
         shown = [one for one in heard if one[1] not in self._marked]
         return [one for one in shown if one[1] == self._selected] or shown
 

@@ -114,7 +114,7 @@ class PulsedReceiver(ListeningReceiver):
             self._slots.forget()
 
     def _test_itself(self, look: Look) -> None:
-        """The self-test at the start fails near a transmitter or electronics."""
+        """Run the self-test at the start; it fails near a transmitter or electronics."""
         within_m = self._options.self_test_m
         if within_m is None or look.time_s > self._listens_s or self._failed:
             return

@@ -62,7 +62,7 @@ class PulsedOptions:
         return self.reference_ua_m * _NA_PER_UA * 2 * math.pi * _REFERENCE_M**3
 
     def sigma_na_m(self, floor_range_m: float) -> float:
-        """The noise of each antenna: `noise_na_m`, or a third of the reference transmitter's field at that range.
+        """Return the noise of each antenna: `noise_na_m`, or a third of the reference transmitter's field.
 
         The paper's noise has a uniform magnitude up to that field, and any direction. So the root mean square of a
         component is a third of that field.
@@ -72,5 +72,5 @@ class PulsedOptions:
         return self.reference_ua_m * _NA_PER_UA * (_REFERENCE_M / floor_range_m) ** 3 / 3
 
     def range_m(self, kappa_eq: float) -> float:
-        """The d [m] of a signal at the threshold."""
+        """Return the d [m] of a signal at the threshold."""
         return float(distance(self.threshold_na_m / self.scale_na_m, kappa_eq))  # type: ignore[arg-type]

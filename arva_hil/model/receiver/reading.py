@@ -60,7 +60,7 @@ class Reading:
 
 
 def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, float]) -> tuple[ChannelReading, ...]:
-    """The same slots with their true ranges. `ranges`: the distances of all transmitters [m], by id."""
+    """Return the same slots with their true ranges. `ranges`: the distances of all transmitters [m], by id."""
     every, rest = list(channels), dict(ranges)
     shown = {c.id: rest.pop(c.id, None) for c in every if c.id is not None}
     hidden = iter(sorted(rest.values()))

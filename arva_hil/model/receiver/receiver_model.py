@@ -48,7 +48,7 @@ class Impairment:
     noise_na_m: float = 0.0
 
     def also(self, other: Impairment) -> Impairment:
-        """The sum of two impairments."""
+        """Return the sum of two impairments."""
         x, y, z = (one * more for one, more in zip(self.gains, other.gains, strict=True))
         return Impairment(
             (x, y, z),
@@ -140,7 +140,9 @@ class ReceiverModel(Protocol):
     """
 
     def next_look(self, after_s: float, frame_s: float) -> float:
-        """The first instant after `after_s` at which it looks. `frame_s`: the instant of the next frame.
+        """Return the first instant after `after_s` at which it takes a sample.
+
+        `frame_s`: the instant of the next frame.
 
         A look at the instant of a frame comes before that frame. Called after each look and each frame.
         """
@@ -149,7 +151,7 @@ class ReceiverModel(Protocol):
         """Hear the transmitters at one instant. True asks for a frame of this instant, before the next one is due."""
 
     def show(self, time_s: float) -> Reading:
-        """The reading at an instant, not before the newest look. Before the first look every slot is empty."""
+        """Return the reading at an instant, not before the newest sample. Before the first one every slot is empty."""
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
         """Handle a command of the host at `time_s`. `values` have the units that PROTOCOL.md gives for the command."""

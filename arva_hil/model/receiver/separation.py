@@ -46,7 +46,7 @@ class _Part(NamedTuple):
 
 
 def separate(sent: SentPulse, signals: Signals, keyings: Sequence[Keying], random: Random) -> SeparatedPulse | None:
-    """The event of a pulse; None if it is lost.
+    """Return the event of a pulse; None if it is lost.
 
     `random`: for the phases between carriers.
     """
@@ -98,7 +98,7 @@ def _times(signal: Vector, factor: float) -> Vector:
 
 
 def _sum(parts: Sequence[_Part], random: Random) -> Vector:
-    """The sum with random phases, in phase with the strongest antenna."""
+    """Return the sum with random phases, in phase with the strongest antenna."""
     sums = [complex(value) for value in parts[0].signal]
     for part in parts[1:]:
         turn = cmath.rect(1.0, math.tau * random.random())

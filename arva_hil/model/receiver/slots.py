@@ -45,7 +45,7 @@ class Slots:
         self._tracks = {}
 
     def track(self, index: int, make: bool = False) -> PulseTrack | None:
-        """The track of a transmitter. `make`: make a new one if necessary."""
+        """Return the track of a transmitter. `make`: make a new one if necessary."""
         if make and index not in self._tracks:
             self._tracks[index] = PulseTrack(self._lost)
         return self._tracks.get(index)
@@ -56,7 +56,7 @@ class Slots:
         return any(track.touched for track in self._tracks.values())
 
     def shown(self, time_s: float) -> tuple[list[ChannelReading], bool, float]:
-        """All slots; whether there are more transmitters than slots; until when this is valid."""
+        """Return all slots, True if there are more transmitters than slots, and the end of its validity."""
         until_s, ids = math.inf, self._listening.ids
         rows: list[tuple[bool, bool, int, int, ChannelReading]] = []
         for index, track in self._tracks.items():
@@ -119,7 +119,7 @@ class Slots:
         return ChannelReading(id_, shown.zone, shown.d_cm, shown.delta_deg, None, track.marked, pulse)
 
     def _heard(self, time_s: float, id_: int) -> PulseTrack | None:
-        """The track of a transmitter if it has a reading now."""
+        """Return the track of a transmitter if it has a reading now."""
         ids = self._listening.ids
         track = self._tracks.get(ids.index(id_)) if id_ in ids else None
         return track if track is not None and track.shown is not None and time_s < track.blank_s else None

@@ -76,7 +76,7 @@ class PulseTrack:
         return True
 
     def miss(self, end_s: float, touched: bool) -> None:
-        """A pulse that was not heard."""
+        """Handle a pulse that was not received."""
         self.touched = touched
         self.pass_time(end_s)
 
@@ -89,7 +89,7 @@ class PulseTrack:
             self.lose_mark()
 
     def lose_mark(self) -> None:
-        """From now on a transmitter that is heard anew may get the mark."""
+        """Allow another transmitter to get the mark from now on."""
         if self.marked:
             self.marked = False
             self._lost.append(Mark(self.period_s, self.carrier_hz))

@@ -161,14 +161,17 @@ class LinePrinter:
 
 
 def plain(made: Event) -> str | None:
-    """One frame in words; None for other events."""
+    """Return the line of a frame; None for other events."""
     if not isinstance(made, FrameMade):
         return None
     return one_line(f"{made.instant_s:9.3f} s  {made.frame.sequence:3d}  {_words(made)}")
 
 
 def as_json(made: Event, *, named: bool = False) -> str | None:
-    """An event as a JSON object; None for events that are not output. `named`: frames have vehicle and receiver."""
+    """Return an event as a JSON object; None for events that are not output.
+
+    `named`: frames have vehicle and receiver.
+    """
     if not isinstance(made, FrameMade):
         return event_json(made)
     return json.dumps(
@@ -186,7 +189,7 @@ def as_json(made: Event, *, named: bool = False) -> str | None:
 
 
 def _words(made: FrameMade) -> str:
-    """The readings of a frame, and the faults that changed it."""
+    """Return the readings of a frame, and the faults that changed it."""
     met = f"  [{', '.join(made.faults)}]" if made.faults else ""
     return text.reading(made.frame.channels) + met
 

@@ -44,17 +44,17 @@ class Health:
             self._links[name] = _link(link["address"])
 
     def add_link(self, name: str, address: str) -> None:
-        """A link that is open."""
+        """Add an open link."""
         self._links.setdefault(name, _link(address))
 
     def vehicles(self) -> list[dict[str, Any]]:
-        """Each with its streams, counters and receivers."""
+        """Return the vehicles, each with its streams, counters and receivers."""
         if self._report is None:
             return [self._bare(name) for name in self._labels]
         return [self._vehicle(status) for status in self._report.vehicles]
 
     def links(self) -> list[dict[str, Any]]:
-        """Each with its address, whether it is open, how often it was lost and why."""
+        """Return the links, each with address, state, and number and reason of its losses."""
         return [{"name": name, **link} for name, link in self._links.items()]
 
     def _vehicle(self, status: VehicleStatus) -> dict[str, Any]:

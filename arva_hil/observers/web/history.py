@@ -45,7 +45,7 @@ class TextHistory:
         return None if first == 0 and self._passed else self._recent[first:]
 
     def whole(self) -> list[str]:
-        """All there is."""
+        """Return all lines."""
         return self._old + self._recent
 
     def _pass(self, text: str) -> None:

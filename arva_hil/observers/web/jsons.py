@@ -13,24 +13,24 @@ from firmware_proto import Channel
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with so many decimal places at most; null for None, NaN and infinity."""
+    """Return a number with so many decimal places at most; null for None, NaN and infinity."""
     if value is None or not math.isfinite(value):
         return "null"
     return repr(round(value, digits)) if digits else str(round(value))
 
 
 def numbers(values: Iterable[float | None], digits: int = 3) -> str:
-    """A list of numbers."""
+    """Return a list of numbers as JSON."""
     return "[" + ",".join([number(value, digits) for value in values]) + "]"
 
 
 def text(value: object) -> str:
-    """A string on one line, without characters that mean something in HTML."""
+    """Return a string as JSON on one line, without characters that have a meaning in HTML."""
     return dump(one_line(value))
 
 
 def dump(value: Any) -> str:
-    """Any value of numbers, strings, lists and dictionaries; NaN and infinity become null."""
+    """Return any value of numbers, strings, lists and dictionaries; NaN and infinity become null."""
     try:
         made = json.dumps(value, allow_nan=False, separators=(",", ":"))
     except ValueError:
@@ -39,7 +39,7 @@ def dump(value: Any) -> str:
 
 
 def slots(channels: Iterable[Channel], ranges: Iterable[float | None]) -> str:
-    """The slots of a frame, each [id, zone, d in cm, δ in degrees, true range in m]."""
+    """Return the slots of a frame, each [id, zone, d in cm, δ in degrees, true range in m]."""
     every = [
         f"[{'null' if c.id is None else int(c.id)},{int(c.zone)},{int(c.d)},{int(c.delta)},{number(true, 2)}]"
         for c, true in zip(channels, ranges, strict=False)
@@ -56,7 +56,7 @@ def point(
     slots_text: str,
     sequence: int,
 ) -> str:
-    """A reading: [time, north, east, down, yaw, age of the pose, lateness, slots, number of the frame]."""
+    """Return a reading: [time, north, east, down, yaw, age of the pose, lateness, slots, number of the frame]."""
     north, east, down = place
     return (
         f"[{number(time_s)},{number(north)},{number(east)},{number(down)},{number(yaw_deg, 1)},"
@@ -65,7 +65,7 @@ def point(
 
 
 def point_of(made: FrameMade, offset: tuple[float, float, float]) -> str:
-    """A frame as a point. `offset`: of the vehicle's datum in the map, NED, metres."""
+    """Return a frame as a point. `offset`: of the vehicle's datum in the map, NED, metres."""
     place: tuple[float | None, ...] = (None, None, None)
     yaw_deg = None
     if made.pose is not None:

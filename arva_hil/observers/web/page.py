@@ -65,7 +65,7 @@ class WebPage:
         self._server.close()
 
     def _looking(self) -> set[int]:
-        """The connections that have asked of late."""
+        """Return the connections with a recent request."""
         now = self._clock.now()
         return {client for client, asked_s in tuple(self._asked_s.items()) if now - asked_s < _LOOKING_S}
 

@@ -18,7 +18,7 @@ class Places:
         self._offsets: dict[str, Offset] = {}
 
     def put(self, name: str, lat: float, lon: float, alt: float) -> None:
-        """The origin of `name` is here from now on."""
+        """Set the origin of `name`."""
         if self._frame is None:
             self._frame, self.origin = LocalFrame(lat, lon, alt), (lat, lon, alt)
         north, east, down = self._frame.ned(lat, lon, alt).tolist()

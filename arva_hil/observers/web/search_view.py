@@ -70,7 +70,7 @@ class SearchView:
             self._ended = in_words(event.how)
 
     def document(self) -> dict[str, Any] | None:
-        """For the page; places as [north, east, …]."""
+        """Return the search for the page; places as [north, east, …]."""
         if not self._seen:
             return None
         north, east, _ = self._places.offset(SEARCH + self._vehicle)

@@ -65,7 +65,7 @@ Source = Callable[[Mapping[str, str], int], bytes]
 
 
 def pages() -> dict[str, Content]:
-    """The files of the page, by their path in a request."""
+    """Return the files of the page, by their path in a request."""
     folder = Path(__file__).parent / "page"
     found = {
         f"/{file.name}": Content(_TYPES[file.suffix], file.read_bytes())
@@ -224,7 +224,7 @@ class Server:
 
 
 def _size(waiting: Iterable[_Connection]) -> int:
-    """Bytes of the answers that connections wait for."""
+    """Return the number of bytes of the answers that connections wait for."""
     return sum(map(len, {id(part): part for one in waiting for part in one.rest}.values()))
 
 

@@ -28,7 +28,7 @@ Key = tuple[str, str]  # vehicle, receiver
 
 
 def _vehicle(event: Event) -> str:
-    """Whose search an event is of, "" if there is one only."""
+    """Return the vehicle of a search's event; "" if there is only one."""
     return event.vehicle if isinstance(event, FromSearch) else ""
 
 
@@ -111,7 +111,7 @@ class State:
             self._take_frames(key, made)
 
     def put(self, key: Key, frames: int, texts: Iterable[str], faults: Iterable[str], down_m: float | None) -> None:
-        """A receiver's readings are these, in place of those before. `frames`: how many they stand for."""
+        """Replace a receiver's readings. `frames`: how many they stand for."""
         receiver = self._receivers.setdefault(key, _ShownReceiver())
         receiver.history = TextHistory()
         receiver.history.extend(texts, self.version)
@@ -126,12 +126,12 @@ class State:
         self._new_version()
 
     def end(self, how: str) -> None:
-        """The run has ended: how."""
+        """End the run with its result."""
         self._ended = one_line(how)
         self._new_version()
 
     def fail(self, why: str) -> None:
-        """Something could not be shown: why."""
+        """Report why something could not be displayed."""
         self._new_version()
         line = f'[{jsons.number(self._time_s, 2)},"error",{jsons.text(f"the page could not display something: {why}")}]'
         self._events.extend([line], self.version)
@@ -198,7 +198,7 @@ class State:
         return self._truth.lines
 
     def notice_of(self, event: Event) -> Notice | None:
-        """An event for a person; None if a person is told nothing."""
+        """Return the notice of an event; None without one."""
         return sentence(event, named=self.is_named)
 
     # -- out -----------------------------------------------------------------------------------------------

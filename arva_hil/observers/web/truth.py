@@ -76,7 +76,7 @@ class TransmitterView:
         return True
 
     def _merged(self) -> Transmitters:
-        """The transmitters of all vehicles, those that are at the same place once."""
+        """Return the transmitters of all vehicles, those that are at the same place once."""
         every: dict[tuple[Any, ...], tuple[int, Any, Any, float]] = {}
         owners: dict[tuple[Any, ...], list[str]] = {}
         unplaced = set()
@@ -106,7 +106,7 @@ def _alike(a: Transmitters, b: Transmitters) -> bool:
 
 
 def _text(there: Transmitters, owners: list[list[str]]) -> str:
-    """A list of objects: id, place and axis of the dipole, NED, strength, and the vehicles that may hear it."""
+    """Return a list of objects: id, place and axis of the dipole, NED, strength, and vehicles that may receive it."""
     columns = zip(
         there.ids,
         there.positions.tolist(),

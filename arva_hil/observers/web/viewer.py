@@ -129,7 +129,7 @@ class RecordedState(State):
         return offsets
 
     def _report(self, time_s: float) -> Iterator[Event]:
-        """The newest status, with where the transmitters were."""
+        """Yield the newest status, with where the transmitters were."""
         at = bisect.bisect_right(self._status, time_s, key=lambda pair: pair[0])
         said = self._recording.status[self._status[at - 1][1]] if at else {}
         of = {text(one.get("name")): one for one in _objects(said.get("vehicles"))}
@@ -217,7 +217,7 @@ class _StepTexts:
 
 
 def _some(count: int) -> list[int]:
-    """The numbers of at most `_THINNED` of so many things, evenly spread."""
+    """Return the numbers of at most `_THINNED` of so many things, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, _THINNED)).astype(int)).tolist() if count else []
 
 
@@ -230,7 +230,7 @@ def _objects(value: object) -> list[Mapping[str, Any]]:
 
 
 def _event(said: Mapping[str, Any]) -> Event | None:
-    """An event of a record, None for one that is not known or is none of these. Datums are in the record itself."""
+    """Return an event of a record; None for an unknown or unused one. Datums are in the record itself."""
     with contextlib.suppress(Exception):  # a value in it may be of any type
         event = event_of(said)
         if event is not None and not isinstance(event, DatumSet):

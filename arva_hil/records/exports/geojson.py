@@ -51,7 +51,7 @@ def _mark(mark: Landmark) -> Iterator[dict[str, Any]]:
 
 
 def _lines(track: FlightTrack) -> Iterator[dict[str, Any]]:
-    """Lines for each part of the track with two points or more. A long part has several, end to end."""
+    """Yield lines for each part of the track with two points or more. A long part has several, end to end."""
     for part in track.parts():
         for first in range(part.start, part.stop - 1, _LONGEST_LINE):
             line = track.lla[first : min(first + _LONGEST_LINE + 1, part.stop), [1, 0, 2]].tolist()
@@ -59,7 +59,7 @@ def _lines(track: FlightTrack) -> Iterator[dict[str, Any]]:
 
 
 def _readings(recording: Recording, track: FlightTrack) -> Iterator[dict[str, Any]]:
-    """A point for each frame, with the slots that hear."""
+    """Yield a point for each frame, with the slots that have a signal."""
     receiver = track.receiver
     assert receiver is not None
     for n, frame in enumerate(plain_rows(track.rows)):

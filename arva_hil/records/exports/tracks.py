@@ -47,7 +47,7 @@ class FlightTrack(NamedTuple):
         return np.where(self.receiver.zone[nearest] > 0, self.receiver.d_cm[nearest] / 100, np.nan)
 
     def parts(self) -> Iterator[range]:
-        """The pieces without gaps, as ranges of 0…N - 1."""
+        """Yield the pieces without gaps, as ranges of 0…N - 1."""
         begins = [*np.flatnonzero(self.gaps).tolist(), len(self.rows)]
         return starmap(range, pairwise([0, *begins]))
 
@@ -63,7 +63,7 @@ class Landmark(NamedTuple):
 
 
 def moment(recording: Recording, time_s: float) -> str:
-    """A time of the run in UTC, ISO 8601. 1970 if nobody knows when it was."""
+    """Return a time of the run in UTC, ISO 8601; in 1970 if the date is unknown."""
     try:
         return utc(round(((recording.start_utc_s or 0.0) + time_s) * 1e6))
     except (ValueError, OverflowError, OSError):
@@ -71,13 +71,13 @@ def moment(recording: Recording, time_s: float) -> str:
 
 
 def plain_rows(values: NDArray[Any]) -> Iterator[Any]:
-    """The rows of an array in Python's numbers, made a few at a time."""
+    """Yield the rows of an array in Python's numbers, made a few at a time."""
     for first in range(0, len(values), _BATCH):
         yield from values[first : first + _BATCH].tolist()
 
 
 def tracks(recording: Recording) -> list[FlightTrack]:
-    """The track of each receiver, and that of the search, as far as their places on Earth are known."""
+    """Return the track of each receiver, and that of the search, as far as their places on Earth are known."""
     found = []
     for receiver in recording.receivers:
         lla = recording.lla(receiver.vehicle, receiver.time_s, receiver.position)
@@ -91,7 +91,7 @@ def tracks(recording: Recording) -> list[FlightTrack]:
 
 
 def marks(recording: Recording) -> list[Landmark]:
-    """The place found with its ellipse, and where the transmitters truly were at the end."""
+    """Return the place found with its ellipse, and the true places of the transmitters at the end."""
     return [*_found(recording), *_transmitters(recording)]
 
 

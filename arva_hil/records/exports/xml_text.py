@@ -8,10 +8,10 @@ from arva_hil.safe_text import one_line
 
 
 def text(value: object) -> str:
-    """For the content of an element or an attribute in double quotes."""
+    """Return a text for the content of an element or an attribute in double quotes."""
     return escape(one_line(value), {'"': "&quot;"})
 
 
 def element(name: str, value: object) -> str:
-    """A line with one element."""
+    """Return a line with one element."""
     return f"<{name}>{text(value)}</{name}>\n"

@@ -20,7 +20,7 @@ _HEIGHT_M: Final = 3.0  # of the flux lines' plane, if no height is known
 
 
 def draw_map(axes: Axes, recording: Recording, receiver: RecordedReceiver | None) -> None:
-    """North up, metres from the datum, or from the take-off point for the log of a search alone."""
+    """Draw the map, north up, metres from the datum, or from the take-off point for the log of a search alone."""
     seen: list[np.ndarray[Any, Any]] = []
     vehicle = receiver.vehicle if receiver is not None else ""
     if receiver is not None:
@@ -107,7 +107,7 @@ def _draw_transmitters(axes: Axes, transmitters: Transmitters) -> list[Any]:
 
 
 def _draw_field(axes: Axes, transmitters: Transmitters, down_m: float, kappa_eq: float) -> None:
-    """Under all else, without moving the frame."""
+    """Draw the field under all else, without moving the frame."""
     axes.set_autoscale_on(False)
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     middle, half = np.array([(south + north) / 2, (west + east) / 2]), (north - south) / 2

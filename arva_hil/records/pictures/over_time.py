@@ -73,7 +73,7 @@ class Lane(NamedTuple):
 
 
 def draw_timeline(axes: Axes, recording: Recording, receiver: RecordedReceiver | None) -> None:
-    """A row for the pose, one for the zone of the nearest transmitter, one for each fault, one for the search."""
+    """Draw a row for the pose, one for the zone of the nearest transmitter, one for each fault, one for the search."""
     lanes = list(_lanes(recording, receiver)) or [Lane("no frame", [])]
     for row, lane in enumerate(lanes):
         for begin_s, end_s, colour in lane.spans:
@@ -146,7 +146,7 @@ def _end_s(receiver: RecordedReceiver) -> float:
 
 
 def _ids(recording: Recording, receiver: RecordedReceiver) -> list[int]:
-    """The transmitters to show: those of the scenario, then what else was heard; not too many."""
+    """Return the transmitters to draw: those of the scenario, then others received; not too many."""
     scenario = recording.run.scenario if recording.run else None
     every = [transmitter.id for transmitter in scenario.transmitters] if scenario else []
     heard = set(receiver.ids)

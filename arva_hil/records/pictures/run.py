@@ -55,7 +55,7 @@ def _each(recording: Recording) -> Iterator[tuple[str, dict[str, Draw]]]:
 
 
 def _draws(recording: Recording, receiver: RecordedReceiver | None) -> Iterator[tuple[str, Draw]]:
-    """The pictures that there is something for."""
+    """Yield the pictures for which the record has data."""
     yield "map", partial(draw_map, recording=recording, receiver=receiver)
     yield "distance", partial(draw_distance, recording=recording, receiver=receiver)
     yield "timeline", partial(draw_timeline, recording=recording, receiver=receiver)

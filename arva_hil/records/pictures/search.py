@@ -28,7 +28,7 @@ class Track(NamedTuple):
 def draw_search(
     path: Path, tracks: Sequence[Track], truth: Mapping[int, Place], target: int | None, title: str = ""
 ) -> None:
-    """A PNG: trajectories seen from above, and the receiver's d and the true distance over time.
+    """Draw a PNG: trajectories seen from above, and the receiver's d and the true distance over time.
 
     `truth`: the transmitters by id, empty if they are not known. `target`: the id of the transmitter searched for.
     A file or symlink of this name is replaced. Raises ImportError without matplotlib, OSError if it cannot be written.
@@ -43,7 +43,7 @@ def draw_search(
 
 
 def _draw(above: Axes, time: Axes, tracks: Sequence[Track], truth: Mapping[int, Place], target: int | None) -> None:
-    """The trajectories seen from above, and the distances over time."""
+    """Draw the trajectories seen from above, and the distances over time."""
     names = list(dict.fromkeys(track.name for track in tracks))
     for track in tracks:
         colour = PALETTE[names.index(track.name) % len(PALETTE)]

@@ -46,7 +46,7 @@ _STYLE: Final = {
 
 @contextmanager
 def styled(more: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
-    """Figures that are made and saved inside have this look. Raises ModuleNotFoundError without matplotlib.
+    """Draw and save figures inside in this style. Raises ModuleNotFoundError without matplotlib.
 
     `more`: what is different from it.
     """
@@ -58,7 +58,7 @@ def styled(more: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
 
 
 def figure(width: float, height: float) -> Figure:
-    """An empty figure, inches, which no window shows."""
+    """Return an empty figure, sizes in inches, without a window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -68,7 +68,7 @@ def figure(width: float, height: float) -> Figure:
 
 
 def saved(made: Figure, format: Format, *, transparent: bool = False) -> bytes:
-    """The figure as a file. The same figure gives the same bytes."""
+    """Return the figure as a file. The same figure gives the same bytes."""
     out = io.BytesIO()
     dates: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     made.savefig(out, format=format, metadata=dates[format], transparent=transparent)
@@ -76,5 +76,5 @@ def saved(made: Figure, format: Format, *, transparent: bool = False) -> bytes:
 
 
 def thinned(count: int, most: int = MOST_POINTS) -> NDArray[np.int64]:
-    """The numbers of at most `most` of so many points, evenly, with the first and the last."""
+    """Return the numbers of at most `most` of so many points, evenly, with the first and the last."""
     return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(np.int64))

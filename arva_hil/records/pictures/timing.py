@@ -20,7 +20,7 @@ _ON_TIME_MS: Final = 1e-3
 
 
 def draw_lateness(axes: Axes, receiver: RecordedReceiver | None) -> None:
-    """A histogram of how long after its instant each frame was made, with the median and the 99th percentile."""
+    """Draw a histogram of how long after its instant each frame was made, with the median and the 99th percentile."""
     axes.set(xlabel="lateness of a frame, ms", ylabel="frames", title="How punctual the frames were")
     late = np.array([]) if receiver is None else receiver.late_ms[np.isfinite(receiver.late_ms)]
     if not len(late) or late.max() < _ON_TIME_MS:
@@ -37,7 +37,7 @@ def draw_lateness(axes: Axes, receiver: RecordedReceiver | None) -> None:
 
 
 def draw_streams(axes: Axes, streams: Sequence[RecordedStream]) -> None:
-    """The most frequent messages that came in each second."""
+    """Draw the most frequent messages that came in each second."""
     axes.set(xlabel="time from the start of the run, s", ylabel="messages a second", title="Rates of the streams")
     for n, stream in enumerate(streams[:_MOST_STREAMS]):
         rows = thinned(len(stream.hz))

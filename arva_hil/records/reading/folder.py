@@ -90,12 +90,12 @@ def _run(path: Path) -> tuple[RecordedRun, list[str]]:
 
 
 def _receivers_there(folder: Path) -> list[tuple[str, str]]:
-    """The names of several receivers by their folders, for a record whose scenario cannot be read."""
+    """Return the names of several receivers by their folders, for a record whose scenario cannot be read."""
     return sorted((path.parts[-3], path.parts[-2]) for path in folder.glob(f"*/*/{READINGS}"))
 
 
 def _events(path: Path) -> tuple[list[dict[str, Any]], list[str]]:
-    """All events with a time, and notes. Old records have none."""
+    """Return all events with a time, and notes. Old records have none."""
     if not path.exists():
         return [], []
     lines, events = Lines(path), list[dict[str, Any]]()
@@ -114,7 +114,7 @@ def _events(path: Path) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _start_utc_s(path: Path) -> float | None:
-    """The frames' time 0 in seconds since 1970, from the first row of frames.csv; None if it does not say."""
+    """Return the frames' time 0 in seconds since 1970, from the first row of frames.csv; None if it does not say."""
     if not path.exists():
         return None
     columns, rows = table(Lines(path), ("utc", "time_s"))
@@ -127,7 +127,7 @@ def _start_utc_s(path: Path) -> float | None:
 
 
 def _datums(run: RecordedRun, vehicle: str, events: list[dict[str, Any]]) -> tuple[RecordedDatum, ...]:
-    """The datums of a vehicle: by run.json, else by the events of a run that was killed, else the scenario's."""
+    """Return the datums of a vehicle: by run.json, else by the events of a run that was killed, else the scenario's."""
     found = list(_changes(run.vehicle(vehicle)))
     if not found:
         of_vehicle = [event for event in events if event.get("event") == "datum_set"]

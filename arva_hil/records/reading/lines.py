@@ -56,7 +56,7 @@ class Lines:
             raise RecordingError(self.path, f"cannot be read: {error.strerror}") from None
 
     def error(self, found: str) -> RecordingError:
-        """An error at the newest line."""
+        """Return an error at the newest line."""
         return RecordingError(f"{self.path}:{self.number}", found)
 
     @property
@@ -66,7 +66,7 @@ class Lines:
 
 
 def table(lines: Lines, needed: Sequence[str]) -> tuple[dict[str, int], Iterator[list[str]]]:
-    """The columns of a CSV file by name, and its rows. Raises RecordingError if one of `needed` is missing.
+    """Return the columns of a CSV file by name, and its rows. Raises RecordingError if one of `needed` is missing.
 
     Other columns may be there in any order. An empty file has no columns.
     """
@@ -90,7 +90,7 @@ def _rows(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[list[
 
 
 def json_object(path: Path) -> dict[str, Any]:
-    """The object in a JSON file. Raises RecordingError."""
+    """Return the object in a JSON file. Raises RecordingError."""
     refuse_no_file(path)
     try:
         with open(path, "rb") as file:

@@ -26,7 +26,7 @@ _MOST_ROWS: Final = 10_000_000
 
 
 def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[RecordedReceiver, list[str]]:
-    """The readings in a file, and notes of what is not used. Raises RecordingError.
+    """Return the readings in a file, and notes of what is not used. Raises RecordingError.
 
     Takes some 50 bytes of memory a row with four slots to a frame, 140 with one. An infinite number becomes NaN. A
     command may change the number of slots in a run.
@@ -84,7 +84,7 @@ class _Builder:
             raise self._lines.error(f"{cell[:40]} is out of range") from None
 
     def built(self, vehicle: str, receiver: str) -> RecordedReceiver:
-        """The whole frames of all rows."""
+        """Return the whole frames of all rows."""
         n, rows = len(self._begins), len(self._ranges)
         parts = len(_OF_FRAME) + len(self._later)
         frames = _frozen(self._frames, n * parts).reshape(n, parts)
@@ -145,7 +145,7 @@ class _Builder:
 
 
 def _frozen(data: array[Any], count: int) -> NDArray[Any]:
-    """The first `count` numbers, infinite ones as NaN, which nobody can change."""
+    """Return the first `count` numbers, infinite ones as NaN, as a read-only array."""
     values = np.frombuffer(data, data.typecode, count) if count else np.zeros(0, data.typecode)
     if data.typecode == "d" and np.isinf(values).any():
         values[np.isinf(values)] = np.nan

@@ -55,7 +55,7 @@ class RecordedReceiver:
         return f"{self.vehicle}/{self.receiver}" if self.receiver else ""
 
     def rows(self, frame: int) -> slice:
-        """The slots of a frame."""
+        """Return the slots of a frame."""
         return slice(*self.begins[frame : frame + 2].tolist())
 
     @cached_property

@@ -129,12 +129,12 @@ class Recording:
         return float(np.nanmin(every)), float(np.nanmax(every))
 
     def datum_at(self, vehicle: str, time_s: float) -> RecordedDatum | None:
-        """The datum at a time, None if it is not known."""
+        """Return the datum at a time, None if it is not known."""
         datums = self.datums.get(vehicle, ())
         return next((datum for datum in reversed(datums) if datum.time_s <= time_s), datums[0] if datums else None)
 
     def lla(self, vehicle: str, time_s: ArrayLike, positions: ArrayLike) -> Floats | None:
-        """WGS-84 latitude, longitude in degrees, altitude in metres AMSL (N, 3) of positions NED (N, 3) at times (N,).
+        """Return WGS-84 degrees, degrees, metres AMSL (N, 3) of positions NED (N, 3) at times (N,).
 
         None if no datum is known. NaN stays NaN.
         """
@@ -151,7 +151,7 @@ class Recording:
         return result
 
     def transmitters(self, vehicle: str, time_s: float = 0.0) -> MovingTransmitters | None:
-        """The scenario's transmitters, NED from the vehicle's datum at that time.
+        """Return the scenario's transmitters, NED from the vehicle's datum at that time.
 
         None without a scenario, or without a datum that they need.
         """
@@ -168,7 +168,7 @@ class Recording:
         return self._placed[datum]
 
     def of_search(self, ned: ArrayLike, vehicle: str = "") -> Floats | None:
-        """Places of the search (..., 3), NED from its take-off point, as NED from the vehicle's datum.
+        """Return places of the search (..., 3), NED from its take-off point, as NED from the vehicle's datum.
 
         None if one of the two is not known.
         """

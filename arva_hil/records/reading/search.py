@@ -54,7 +54,7 @@ class RecordedPlace:
         return major, minor, math.atan2(vectors[1, 1], vectors[0, 1])
 
     def outline(self, probability: float = 0.95, points: int = 48) -> list[tuple[float, float]]:
-        """That area's edge as (north, east), metres from the take-off point, closed; empty without a covariance."""
+        """Return that area's edge as (north, east), metres from the take-off point, closed; empty if unknown."""
         if (ellipse := self.ellipse(probability)) is None:
             return []
         major, minor, bearing = ellipse
@@ -116,7 +116,7 @@ class RecordedSearch:
 
 
 def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch | None, list[str]]:
-    """The search in a folder, None if there is none, and notes. Raises RecordingError.
+    """Return the search in a folder, None if there is none, and notes. Raises RecordingError.
 
     `start_utc_s`: the run's time 0 in seconds since 1970, None if it is not known.
     """
@@ -160,7 +160,7 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
 
 
 def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
-    """A place in search.json, None if there is none; `about`: whose it is, and whether it is sure."""
+    """Return a place in search.json, None if there is none; `about`: its transmitter and certainty."""
     found = mapping(value)
     north, east = number(found.get("north")), number(found.get("east"))
     if north is None or east is None:

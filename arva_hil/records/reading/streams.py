@@ -40,7 +40,7 @@ class RecordedStream:
 
 
 def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
-    """The messages of a vehicle, the most frequent first; those of its whole log if nobody knows its ids.
+    """Return the messages of a vehicle, the most frequent first; those of its whole log if its ids are unknown.
 
     Empty without a log. Raises RecordingError for one that cannot be read.
     """
@@ -67,7 +67,7 @@ def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
 
 
 def _head(raw: bytes) -> tuple[int, int, int]:
-    """System, component and message id of a packet."""
+    """Return system, component and message id of a packet."""
     if raw[0] == 0xFD:
         return raw[5], raw[6], int.from_bytes(raw[7:10], "little")
     return raw[3], raw[4], raw[5]

@@ -10,7 +10,7 @@ from arva_hil.clock import from_utc
 
 
 def number(value: object) -> float | None:
-    """A finite number, None for anything else."""
+    """Return a finite number, None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -20,36 +20,36 @@ def number(value: object) -> float | None:
 
 
 def pair(value: object) -> tuple[float, float] | None:
-    """A list of two finite numbers, None for anything else."""
+    """Return a list of two finite numbers, None for anything else."""
     every = _numbers(value)
     return (every[0], every[1]) if len(every) == 2 else None
 
 
 def triple(value: object) -> tuple[float, float, float] | None:
-    """A list of three finite numbers, None for anything else."""
+    """Return a list of three finite numbers, None for anything else."""
     every = _numbers(value)
     return (every[0], every[1], every[2]) if len(every) == 3 else None
 
 
 def _numbers(value: object) -> list[float]:
-    """The numbers of a list, no more than four; an empty one if there is anything else in it."""
+    """Return the numbers of a list, no more than four; an empty one if there is anything else in it."""
     every = [number(one) for one in value[:4]] if isinstance(value, list) else []
     finite = [one for one in every if one is not None]
     return finite if len(finite) == len(every) else []
 
 
 def text(value: object) -> str:
-    """A text, "" for anything else."""
+    """Return a text, "" for anything else."""
     return value if isinstance(value, str) else ""
 
 
 def mapping(value: object) -> Mapping[str, Any]:
-    """An object, an empty one for anything else."""
+    """Return an object, an empty one for anything else."""
     return value if isinstance(value, dict) else {}
 
 
 def seconds_of(utc: str) -> float | None:
-    """Seconds since 1970 of a time in UTC as records have it, e.g. 2026-01-31T15:45:00.000Z; None for anything else."""
+    """Return seconds since 1970 of a UTC time of a record, e.g. 2026-01-31T15:45:00.000Z; else None."""
     try:
         return from_utc(utc) / 1e6
     except ValueError:

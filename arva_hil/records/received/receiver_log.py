@@ -110,12 +110,12 @@ class ReceiverLog:
         return NOBODY if sender is None else Addressees(session.senders.vehicle, session.senders.candidates)
 
     def link_lost(self, link: str, why: str, now: float) -> None:
-        """A link is lost until `link_back`."""
+        """Handle a link that is lost until `link_back`."""
         if link == AUTOPILOT:
             self.session.interrupt(why)
 
     def link_back(self, link: str, now: float) -> None:
-        """The link is back."""
+        """Handle a link that is back."""
         if link == AUTOPILOT:
             self.session.resume(now)
 
@@ -135,7 +135,7 @@ class ReceiverLog:
                 self._events.append(HeartbeatMissing(now, _ABOUT[0], self.session.why_no_vehicle()))
 
     def next_deadline(self) -> float:
-        """The latest time for the next call of `advance`."""
+        """Return the latest time for the next call of `advance`."""
         return min(self._next_status, self.session.next_due, self._missing_from)
 
     def output(self) -> list[Output]:
@@ -144,7 +144,7 @@ class ReceiverLog:
         return outputs
 
     def written(self, output: int, accepted: bool, now: float) -> None:
-        """An output was written. Requests are repeated until the autopilot answers, so nothing is to do."""
+        """Handle an output that was written. Requests are repeated until the autopilot answers, so nothing is to do."""
 
     def events(self) -> list[Event]:
         """Return the events since the last call."""
@@ -155,7 +155,7 @@ class ReceiverLog:
         return events
 
     def counts(self) -> dict[str, int]:
-        """Counters by name."""
+        """Return counters by name."""
         d = self.decoder
         of_frames = {"frames": self.frames, "no_pose": self.no_pose, "restarts": self.restarts, "lost": d.lost}
         return {**of_frames, "bad_crc": d.bad_crc, "bytes_dropped": d.dropped, **self.session.counts()}

@@ -24,7 +24,7 @@ _MOST: Final = 200  # values of one kind
 
 
 def facts(recording: Recording) -> Facts:
-    """Everything that is known of a run. Raises RecordingError for a log of packets that cannot be read."""
+    """Return everything that is known of a run. Raises RecordingError for a log of packets that cannot be read."""
     found: dict[str, dict[str, str]] = {"What was run": dict(_run(recording))}
     if recording.search:
         found["What the search found"] = dict(_search(recording))
@@ -89,7 +89,7 @@ def _scenario(scenario: Scenario, *, real: bool) -> Iterator[tuple[str, str]]:
 
 
 def _autopilots(recording: Recording) -> list[str]:
-    """The labels of the vehicles found."""
+    """Return the labels of the vehicles found."""
     labels = [event.get("label") for event in recording.events if event.get("event") == "vehicle_found"]
     return list(dict.fromkeys(one_line(label) for label in labels if isinstance(label, str)))[:_MOST]
 
@@ -155,7 +155,7 @@ def _frames(receiver: RecordedReceiver) -> Iterator[tuple[str, str]]:
 
 
 def _percentiles(values: NDArray[np.float64], unit: str) -> str:
-    """Median, 90 %, 99 % and worst."""
+    """Return median, 90 %, 99 % and worst."""
     known = values[np.isfinite(values)]
     if not len(known):
         return "not recorded"
@@ -171,7 +171,7 @@ def _faults(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _counters(said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """The counters that are not 0, those of vehicles and receivers with their names."""
+    """Yield the counters that are not 0, those of vehicles and receivers with their names."""
     yield from _numbers("", mapping(said.get("counters")))
     for vehicle, of_vehicle in list(mapping(said.get("vehicles")).items())[:_MOST]:
         yield from _numbers(f"{vehicle}: ", mapping(mapping(of_vehicle).get("counters")))
@@ -188,7 +188,7 @@ def _numbers(prefix: str, counters: Mapping[str, Any]) -> Iterator[tuple[str, st
 
 
 def _plain(value: float, digits: int) -> str:
-    """A number with so many digits behind the point at most."""
+    """Return a number with so many digits behind the point at most."""
     return f"{value:.{digits}f}".rstrip("0").rstrip(".")
 
 
@@ -198,7 +198,7 @@ def _ended(said: Mapping[str, Any]) -> str:
 
 
 def merged(every: Sequence[Facts]) -> list[tuple[str, list[tuple[str, list[str]]]]]:
-    """The facts of several runs beside each other: "" where one has no such fact."""
+    """Return the facts of several runs beside each other: "" where one has no such fact."""
     result = []
     for heading in _union(facts_ for facts_ in every):
         rows = [one.get(heading, {}) for one in every]
@@ -207,7 +207,7 @@ def merged(every: Sequence[Facts]) -> list[tuple[str, list[tuple[str, list[str]]
 
 
 def _union(every: Iterable[Mapping[str, Any]]) -> list[str]:
-    """The keys of all, in their order; those that only later ones have go behind the key before them."""
+    """Return the keys of all, in their order; those that only later ones have go behind the key before them."""
     keys: list[str] = []
     for one in every:
         at = 0

@@ -10,7 +10,7 @@ from arva_hil import __version__
 
 
 def render(package: str, template: str, **values: Any) -> str:
-    """A page from a template of a package of ours. All values are escaped."""
+    """Return a page from a template of a package of ours. All values are escaped."""
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package), jinja2.PackageLoader("arva_hil.records.report")]),
         autoescape=True,

@@ -44,7 +44,7 @@ class Told(NamedTuple):
 
 
 def page(recordings: Sequence[Recording]) -> str:
-    """The page. Without matplotlib it has no pictures. Raises RecordingError."""
+    """Return the page. Without matplotlib it has no pictures. Raises RecordingError."""
     names = _names(recordings)
     told = [_told(name, recording) for name, recording in zip(names, recordings, strict=True)]
     return render(
@@ -59,7 +59,7 @@ def page(recordings: Sequence[Recording]) -> str:
 
 
 def _names(recordings: Sequence[Recording]) -> list[str]:
-    """The folders' names; with their parents if two are the same."""
+    """Return the folders' names; with their parents if two are the same."""
     names = [one_line(recording.title) for recording in recordings]
     if len(set(names)) < len(names):
         names = [one_line(recording.folder) for recording in recordings]
@@ -74,7 +74,7 @@ def _told(name: str, recording: Recording) -> Told:
 
 
 def _verdict(recording: Recording) -> str:
-    """The run in one sentence."""
+    """Return the run in one sentence."""
     words = []
     search = recording.search
     if search is not None:
@@ -90,7 +90,7 @@ def _verdict(recording: Recording) -> str:
 
 
 def _happened(event: Any) -> Happened | None:
-    """An event as the console told it; None for one that it does not tell."""
+    """Return an event as the console printed it; None for one that it did not print."""
     notice = mapping(event.get("notice"))
     said, level = text(notice.get("text")), text(notice.get("level"))
     if not said:

@@ -31,7 +31,7 @@ _STEPS: Final[dict[type[Message], list[_Step]]] = {}
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message. Raises struct.error for a number that its field cannot hold."""
+    """Return the bytes of a message. Raises struct.error for a number that its field cannot hold."""
     data = bytearray(_HEADER)
     for step in _steps(type(message)):
         step(message, data)
@@ -48,7 +48,7 @@ class _Leaf(NamedTuple):
 
 
 def _steps(cls: type[Message]) -> list[_Step]:
-    """The functions that write a message; made once for each class."""
+    """Return the functions that write a message; made once for each class."""
     if cls in _STEPS:
         return _STEPS[cls]
     steps = _STEPS[cls] = []
@@ -59,7 +59,7 @@ def _steps(cls: type[Message]) -> list[_Step]:
 
 
 def _leaves(cls: type[Message], prefix: str = "") -> list[_Leaf]:
-    """The fields of a message and of the messages in it, in their order."""
+    """Return the fields of a message and of the messages in it, in their order."""
     leaves = []
     for name, of in field_types(cls).items():
         if of.message and not of.sequence:
@@ -91,7 +91,7 @@ def _numbers(leaves: Sequence[_Leaf]) -> _Step:
 
 
 def _packed(codes: str, at: int) -> struct.Struct:
-    """The struct of numbers with these codes, from the position `at` on."""
+    """Return the struct of numbers with these codes, from the position `at` on."""
     text = "<"
     for code in codes:
         size = struct.calcsize(code)

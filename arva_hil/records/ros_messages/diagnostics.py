@@ -13,7 +13,7 @@ _PROGRAM: Final = "arva-hil"
 
 
 def diagnostics(report: StatusReport, header: Header) -> DiagnosticArray:
-    """The diagnostics of a report."""
+    """Return the diagnostics of a report."""
     status = []
     for vehicle in report.vehicles:
         status.append(_of_vehicle(vehicle))

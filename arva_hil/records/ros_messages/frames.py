@@ -19,37 +19,37 @@ _FLU_TO_FRD = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
 
 
 def point(ned: Sequence[float]) -> Point:
-    """From a place NED [m] to ENU [m]."""
+    """Convert a place from NED [m] to ENU [m]."""
     north, east, down = ned
     return Point(east, north, -down)
 
 
 def body_vector(frd: Sequence[float]) -> Vector3:
-    """From a vector in body FRD to FLU."""
+    """Convert a vector from body FRD to FLU."""
     forward, right, down = frd
     return Vector3(forward, -right, -down)
 
 
 def orientation(matrix: ArrayLike) -> Quaternion:
-    """From the rotation (3, 3) FRD → NED to the quaternion FLU → ENU."""
+    """Convert a rotation (3, 3) FRD → NED to the quaternion FLU → ENU."""
     of_body = quaternion.from_euler(*rotation.to_euler(matrix).tolist())
     w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_body), _FLU_TO_FRD)
     return Quaternion(x, y, z, w)
 
 
 def pose(position: ArrayLike, matrix: ArrayLike) -> Pose:
-    """From position (3,) NED [m] and rotation (3, 3) FRD → NED to a pose in ENU."""
+    """Convert position (3,) NED [m] and rotation (3, 3) FRD → NED to a pose in ENU."""
     return Pose(point(np.asarray(position, float).tolist()), orientation(matrix))
 
 
 def transform(of: Pose) -> Transform:
-    """The transform of a pose, from its body to the world."""
+    """Return the transform of a pose, from its body to the world."""
     at = of.position
     return Transform(Vector3(at.x, at.y, at.z), of.orientation)
 
 
 def between(world: LocalFrame, own: LocalFrame) -> Transform:
-    """The transform from the ENU frame of `own` to that of `world`."""
+    """Return the transform from the ENU frame of `own` to that of `world`."""
     origin, *ends = world.ned(*own.lla([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
     of_own = quaternion.from_euler(*rotation.to_euler(np.stack([end - origin for end in ends], axis=1)).tolist())
     w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_own), _NED_TO_ENU)

@@ -30,7 +30,7 @@ class LiveMessages:
         return {**(self._run.topics if self._run else {}), **(TOPICS if self._searches else {})}
 
     def of_event(self, event: Event) -> list[Publication]:
-        """The messages of one event, in their order. Most events have none."""
+        """Return the messages of one event, in their order. Most events have none."""
         if isinstance(event, FromSearch):
             event = event.event
         if isinstance(event, SearchEvent):

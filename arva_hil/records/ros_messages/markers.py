@@ -41,12 +41,12 @@ _CHI_95: Final = math.sqrt(-2 * math.log(1 - 0.95))  # sigmas to the edge of the
 
 
 def colour(id_: int, opacity: float = 1.0) -> ColorRGBA:
-    """The colour of a transmitter."""
+    """Return the colour of a transmitter."""
     return ColorRGBA(*_COLOURS[id_ % len(_COLOURS)], opacity)
 
 
 def transmitter(header: Header, id_: int, pose: Pose) -> tuple[Marker, Marker]:
-    """A sphere for a transmitter, and an arrow for its dipole."""
+    """Return a sphere for a transmitter, and an arrow for its dipole."""
     shaft = Vector3(_DIPOLE_M, 0.08, 0.08)
     return (
         Marker(header, "transmitters", id_, _SPHERE, _ADD, pose, Vector3(0.4, 0.4, 0.4), colour(id_)),
@@ -71,13 +71,16 @@ def is_direction(vector: Vector3) -> bool:
 
 
 def sphere(header: Header, ns: str, id_: int, at: Point, size_m: float, opacity: float = 1.0) -> Marker:
-    """A sphere, in the colour of a search."""
+    """Return a sphere, in the colour of a search."""
     size = Vector3(size_m, size_m, size_m)
     return Marker(header, ns, id_, _SPHERE, _ADD, Pose(at, UNTURNED), size, colour(6, opacity))
 
 
 def ellipse(header: Header, ns: str, at: Point, covariance: tuple[float, float, float]) -> Marker:
-    """The area with a probability of 95 % for the transmitter. `covariance`: of north and east [m²], (nn, ne, ee)."""
+    """Return the area with a probability of 95 % for the transmitter.
+
+    `covariance`: of north and east [m²], (nn, ne, ee).
+    """
     nn, ne, ee = covariance
     mean, half = (nn + ee) / 2, math.hypot((nn - ee) / 2, ne)
     long, short = (2 * _CHI_95 * math.sqrt(max(variance, 0.0)) for variance in (mean + half, mean - half))
@@ -89,6 +92,6 @@ def ellipse(header: Header, ns: str, at: Point, covariance: tuple[float, float, 
 
 
 def removed(header: Header, ns: str, ids: Sequence[int]) -> list[Marker]:
-    """Markers that delete others."""
+    """Return markers that delete others."""
     size = Vector3(1.0, 1.0, 1.0)
     return [Marker(header, ns, id_, _SPHERE, _DELETE, _AT_ORIGIN, size, colour(0)) for id_ in ids]

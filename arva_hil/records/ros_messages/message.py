@@ -34,7 +34,7 @@ class Message:
 
     @classmethod
     def ros_name(cls) -> str:
-        """The name, e.g. `geometry_msgs/msg/Point`."""
+        """Return the name, e.g. `geometry_msgs/msg/Point`."""
         return f"{cls.package}/msg/{cls.__name__}"
 
 
@@ -51,18 +51,18 @@ class FieldType(NamedTuple):
 
 
 def field_types(cls: type[Message]) -> dict[str, FieldType]:
-    """The types of a message's fields by name. Raises TypeError for a type that messages cannot have."""
+    """Return the types of a message's fields by name. Raises TypeError for a type that messages cannot have."""
     hints = get_type_hints(cls, include_extras=True)
     return {name: _field_type(hint) for name, hint in hints.items() if get_origin(hint) is not ClassVar}
 
 
 def definition(cls: type[Message]) -> str:
-    """The text of the message's .msg file."""
+    """Return the text of the message's .msg file."""
     return "".join(f"{_written(of)} {name}\n" for name, of in field_types(cls).items())
 
 
 def schema(cls: type[Message]) -> str:
-    """The `ros2msg` text: the message's definition, and that of each message in it."""
+    """Return the `ros2msg` text: the message's definition, and that of each message in it."""
     parts = [f"{_RULE}\nMSG: {part.package}/{part.__name__}\n{definition(part)}" for part in dict.fromkeys(_parts(cls))]
     return definition(cls) + "".join(parts)
 

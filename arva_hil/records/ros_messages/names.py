@@ -29,7 +29,7 @@ class ReceiverNames(NamedTuple):
 
 
 def names_of(receivers: Sequence[tuple[str, str]]) -> dict[tuple[str, str], ReceiverNames]:
-    """The names for all receivers, by (vehicle, receiver). They have no prefix if there is only one receiver."""
+    """Return the names for all receivers, by (vehicle, receiver). They have no prefix if there is only one receiver."""
     if len(receivers) < 2:
         return {of: _names("", MAP) for of in receivers or [("vehicle", "receiver")]}
     vehicles = unique([vehicle for vehicle, _ in receivers])
@@ -41,13 +41,13 @@ def names_of(receivers: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Rece
 
 
 def word(name: str) -> str:
-    """A name for ROS: letters, digits and underscores, without a digit at the start."""
+    """Return a name for ROS: letters, digits and underscores, without a digit at the start."""
     allowed = re.sub("[^A-Za-z0-9_]", "_", name)
     return f"_{allowed}" if allowed[:1].isdigit() else allowed
 
 
 def unique(names: Sequence[str]) -> dict[str, str]:
-    """A different name for ROS for each name. Slashes are kept."""
+    """Return a different name for ROS for each name. Slashes are kept."""
     given: dict[str, str] = {}
     for name in dict.fromkeys(names):
         allowed = "/".join(map(word, name.split("/")))

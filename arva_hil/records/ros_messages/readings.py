@@ -74,7 +74,7 @@ class RunMessages:
                 self.place(vehicle, (fixed.lat, fixed.lon, fixed.alt))
 
     def of_event(self, event: Event) -> list[Publication]:
-        """The messages of an event of a live run. Most events have none."""
+        """Return the messages of an event of a live run. Most events have none."""
         if isinstance(event, FrameMade):
             stamp = stamp_of(self._epoch_us, event.time_s - event.late_s)
             poses = event.pose, event.reported_pose
@@ -88,7 +88,7 @@ class RunMessages:
         return []
 
     def place(self, vehicle: str, lla: tuple[float, float, float]) -> None:
-        """The vehicle's datum: degrees, degrees, metres AMSL."""
+        """Set the vehicle's datum: degrees, degrees, metres AMSL."""
         self._datums[vehicle] = own = LocalFrame(*lla)
         if self._scenario:
             self._there[vehicle] = moving_transmitters(self._scenario, own)
@@ -99,7 +99,7 @@ class RunMessages:
         return next(iter(self._datums.values()), None)
 
     def of_reading(self, taken: Taken) -> list[Publication]:
-        """The messages of one reading."""
+        """Return the messages of one reading."""
         key, stamp = (taken.vehicle, taken.receiver), taken.stamp_ns
         if (names := self._names.get(key)) is None:
             return []
@@ -154,7 +154,7 @@ class RunMessages:
         return None if there is None else there.at(taken.instant_s)
 
     def _arrows_of(self, key: tuple[str, str], own: ros.Header, slots: Sequence[ros.ArvaData]) -> list[ros.Marker]:
-        """An arrow for each slot with a direction. Other arrows are removed."""
+        """Return an arrow for each slot with a direction. Other arrows are removed."""
         shown = {n: slot for n, slot in enumerate(slots, 1) if markers.is_direction(slot.direction)}
         gone = sorted(self._arrows.get(key, frozenset()) - shown.keys())
         self._arrows[key] = frozenset(shown)
@@ -169,7 +169,7 @@ class RunMessages:
 
 
 def _placed(there: Transmitters | None) -> list[tuple[int, Array, Array]]:
-    """Id, place NED and rotation of each transmitter with a known place."""
+    """Return id, place NED and rotation of each transmitter with a known place."""
     if there is None:
         return []
     every = zip(there.ids, there.positions, there.rotations, strict=True)
@@ -177,7 +177,7 @@ def _placed(there: Transmitters | None) -> list[tuple[int, Array, Array]]:
 
 
 def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.Vector3]:
-    """The field at the receiver by transmitter id, FLU."""
+    """Return the field at the receiver by transmitter id, FLU."""
     if pose is None or there is None or not there.ids:
         return {}
     field = dipole_field(pose.position, there.positions, there.rotations, there.strengths) @ pose.rotation

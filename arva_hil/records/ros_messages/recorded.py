@@ -27,7 +27,7 @@ _BATCH: Final = 4096  # frames that are converted at once
 
 
 def messages_of(recording: Recording) -> Iterator[Publication]:
-    """The messages of all readings. Times are from 1970, or from 0 if the date is not known.
+    """Yield the messages of all readings. Times are from 1970, or from 0 if the date is not known.
 
     A record has no reported attitude: a reported pose has the true one.
     """
@@ -58,7 +58,7 @@ def _of_receiver(
 def _readings(
     receiver: RecordedReceiver, rows: slice
 ) -> Iterator[tuple[float, Pose | None, Pose | None, Sequence[ChannelReading]]]:
-    """Time, pose, reported pose and slots of some rows."""
+    """Yield time, pose, reported pose and slots of some rows."""
     position, reported, attitude = receiver.position[rows], receiver.reported[rows], receiver.attitude_deg[rows]
     there = _whole(position) & _whole(attitude)
     matrices = rotation.to_matrix(rotation.from_euler(*np.radians(np.where(there[:, None], attitude, 0.0)).T))
@@ -77,12 +77,12 @@ def _readings(
 
 
 def _whole(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The rows without missing values."""
+    """Return the rows without missing values."""
     return np.asarray(np.isfinite(rows).all(axis=1))
 
 
 def _same(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The rows that are equal."""
+    """Return the rows that are equal."""
     return np.asarray(np.equal(a, b).all(axis=1))
 
 
@@ -101,7 +101,7 @@ def _vehicle(said: Mapping[str, Any]) -> VehicleStatus:
 
 
 def _of_search(search: RecordedSearch, run: RunMessages, epoch_us: int) -> Iterator[Publication]:
-    """Messages of the steps with a frame, and of the place found at the last step."""
+    """Yield messages of the steps with a frame, and of the place found at the last step."""
     made, times = SearchMessages(epoch_us), (search.time_s + search.start_s).tolist()
     if search.origin:
         made.of_event(TakeOffPoint(times[0] if times else 0.0, *search.origin))

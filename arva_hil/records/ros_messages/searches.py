@@ -56,7 +56,10 @@ class SearchMessages:
         self._told_s = -math.inf
 
     def of_event(self, event: Event, world: LocalFrame | None = None) -> list[Publication]:
-        """The messages of one event. Most events have none. `world`: the datum of the frame `map`, if there is one."""
+        """Return the messages of one event.
+
+        Most events have none. `world`: the datum of the frame `map`, if there is one.
+        """
         stamp = stamp_of(self._epoch_us, event.time_s)
         if isinstance(event, TakeOffPoint):
             self._origin = LocalFrame(event.lat, event.lon, event.alt)
@@ -102,7 +105,7 @@ class SearchMessages:
         return shapes
 
     def _again(self, now: float, stamp: int) -> list[Publication]:
-        """The place found, at most once a second."""
+        """Return the place found, at most once a second."""
         found = self._found
         if found is None or now - self._told_s < _AGAIN_S:
             return []
@@ -130,7 +133,7 @@ class SearchMessages:
 
 
 def _slot(channel: Channel) -> ros.ArvaData:
-    """A slot of a frame. Its direction is that of δ, with length 1."""
+    """Return a slot of a frame. Its direction is that of δ, with length 1."""
     id_ = _NO_ID if channel.id is None else channel.id
     id_ = id_ if channel.valid else _EMPTY
     delta = math.radians(channel.delta)

@@ -223,11 +223,14 @@ class Publication(NamedTuple):
 
 
 def stamp_of(epoch_us: int, time_s: float) -> int:
-    """Nanoseconds since 1970; 0 for times that a message cannot have. `epoch_us`: microseconds since 1970 at time 0."""
+    """Return nanoseconds since 1970; 0 for times that a message cannot have.
+
+    `epoch_us`: microseconds since 1970 at time 0.
+    """
     stamp_ns = epoch_us * 1000 + round(time_s * _SECOND)
     return stamp_ns if 0 <= stamp_ns < _LATEST else 0
 
 
 def header(stamp_ns: int, frame: str) -> Header:
-    """The header of a message with this time and frame."""
+    """Return the header of a message with this time and frame."""
     return Header(Time(*divmod(stamp_ns, _SECOND)), frame)

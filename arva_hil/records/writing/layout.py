@@ -44,11 +44,11 @@ class RecordLayout:
     real: bool = False
 
     def tlog(self, link: str) -> str:
-        """The file of a link's packets."""
+        """Return the file of a link's packets."""
         return TLOG if len(self.links) < 2 else f"autopilot-{self.links.index(link) + 1}.tlog"
 
     def of_receiver(self, vehicle: str, receiver: str, file: str) -> str:
-        """The path of one of a receiver's files in the record's folder."""
+        """Return the path of one of a receiver's files in the record's folder."""
         return file if len(self.receivers) < 2 else f"{vehicle}/{receiver}/{file}"
 
     @property
@@ -94,13 +94,13 @@ _NO_SLOT: Final = "," * (len(SLOT_COLUMNS) - 1)
 
 
 def header_of_frames(slots: int) -> str:
-    """The first line of frames.csv."""
+    """Return the first line of frames.csv."""
     of_slots = [column.format(slot) for slot in range(1, slots + 1) for column in SLOT_COLUMNS]
     return ",".join([*FRAME_COLUMNS, *of_slots]) + "\n"
 
 
 def rows(made: FrameMade, columns: int) -> tuple[str, str]:
-    """The lines of readings.csv, and the line of frames.csv without its `utc`, so it begins with a comma.
+    """Return the lines of readings.csv, and the line of frames.csv without its `utc`, so it begins with a comma.
 
     `columns`: the number of slots in frames.csv, which stays if a command changes the receiver's.
     """
@@ -122,7 +122,7 @@ def rows(made: FrameMade, columns: int) -> tuple[str, str]:
 
 
 def moment(time_s: float, epoch_us: int) -> str:
-    """A time of the loop in UTC, to the millisecond; "" outside the years 1 to 9999, which a log may contain.
+    """Return a time of the loop in UTC, to the millisecond; "" outside the years 1 to 9999, which a log may contain.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
@@ -159,7 +159,7 @@ class EventLines:
         self._left = _MOST_BYTES
 
     def of(self, event: Event) -> bytes:
-        """The line for an event, b"" if it has none."""
+        """Return the line for an event, b"" if it has none."""
         line = self._line(event)
         if line is None or self._left < 0:
             return b""

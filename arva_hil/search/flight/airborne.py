@@ -124,7 +124,7 @@ class Flight(MissionRun):
         self._detour = Detour(emit)
 
     def skip(self, now: float, seconds: float) -> None:
-        """There was a gap until now, in which the mission's clock did not run."""
+        """Skip a gap until now, in which the mission's clock did not run."""
         self._skipped_s += seconds
         self._last_pose_s += seconds
         self._commander.steer(STAY)
@@ -133,13 +133,13 @@ class Flight(MissionRun):
             self._team.skip(now)
 
     def wait(self, now: float) -> bool:
-        """The vehicle is still on the ground. Returns whether it has to stay there, because another one is above it."""
+        """Wait on the ground. Returns whether it has to stay there, because another one is above it."""
         self._last_pose_s = now
         self.report_place(now, searching=True)
         return self._team is not None and self._team.under_another
 
     def fly(self, now: float) -> None:
-        """One step in the air."""
+        """Fly one step."""
         if self.origin is None and (origin := self._commander.origin):
             self._begin_at(now, origin.frame)
         phase, state, velocity = self._commander.phase, self._state(now), STAY
@@ -188,17 +188,17 @@ class Flight(MissionRun):
         self._log_step(now, phase.name.lower(), state, velocity)
 
     def confirm(self, now: float) -> None:
-        """It has landed, and what was heard until then is known."""
+        """Confirm the result after the landing, with the newest readings."""
         if self.mission is not None:
             self.mission.confirm(now - self._skipped_s)
 
     def report_place(self, now: float, *, searching: bool) -> None:
-        """The vehicle is not flown by this search, yet or any more: tell the others where it is."""
+        """Report the place of a vehicle that this search does not fly, yet or any more."""
         if self._report is not None:
             self._report.report_left(now, self.origin, self.mission, searching=searching)
 
     def _fly_blind(self, now: float) -> None:
-        """Without a new pose the vehicle hovers, then lands."""
+        """Hover without a new pose, then land."""
         self._commander.steer(STAY)
         if now - self._last_pose_s > self._plan.patience_s:
             lacking = self._session.why_no_pose()
@@ -210,6 +210,6 @@ class Flight(MissionRun):
 
 
 def reading_of(frame: Frame, target: int | None) -> tuple[int | None, int, int, int]:
-    """Id, d, δ and zone of the transmitter searched for, otherwise of the first channel."""
+    """Return id, d, δ and zone of the transmitter searched for, otherwise of the first channel."""
     channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
     return channel.id, channel.d, channel.delta, channel.zone

@@ -40,7 +40,7 @@ class AutopilotLink:
         self._losses: int | None = None  # of the link, when it was pinned
 
     def pin(self) -> None:
-        """From now on a new far end is another vehicle: `take_in` raises LinkError."""
+        """Accept no new far end from now on: `take_in` raises LinkError."""
         self.link.pin()
         self._losses = self.link.losses
 

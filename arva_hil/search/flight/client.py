@@ -166,7 +166,7 @@ class SearchClient:
         return vehicle is not None and packet.system == vehicle.system
 
     def _on_gap(self, now: float, gap_s: float) -> None:
-        """After a gap without reading, all that is known is old."""
+        """Handle a gap without reading: all that is known is stale."""
         self._session.skip(now)
         self._commander.authority.doubt(now)
         self._preflight.restart()
@@ -176,7 +176,7 @@ class SearchClient:
             self._events.append(SearchHeldUp(now, gap_s))
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
-        """The bytes to send: those without and those with orders."""
+        """Return the bytes to send: those without and those with orders."""
         told = self._tunnel.poll() if self._tunnel else []
         if not self._dry_run and self.outcome is None and self._session.reachable:
             told = told + self._claim.poll(now, self._session.clock.boot(now), launched=self.launched)

@@ -143,7 +143,7 @@ class Detour:
 
 
 def _sideways(order: Position, position: Position) -> tuple[float, float]:
-    """The velocity perpendicular to the order, to the side of the take-off point."""
+    """Return the velocity perpendicular to the order, to the side of the take-off point."""
     north, east, _ = order
     side = 1.0 if east * position[0] - north * position[1] >= 0 else -1.0
     return -side * east, side * north

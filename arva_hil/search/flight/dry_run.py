@@ -96,7 +96,7 @@ class DryRun(MissionRun):
             self.on_frame(self._new_frame, now)
 
     def _lifted(self, place: Position) -> Position:
-        """The vehicle's place after its take-off."""
+        """Return the vehicle's place after its take-off."""
         return place if self._plan.take_over else (place[0], place[1], min(place[2], -self._plan.take_off))
 
     def _fly(self, now: float, mission: Mission) -> None:

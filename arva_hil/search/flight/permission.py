@@ -24,7 +24,7 @@ class Question(Protocol):
         """Ask if this vehicle, which is not known to be a simulator, may fly. Earlier input is no answer."""
 
     def answer(self) -> str | None:
-        """The line that was typed since then, None while there is none. Never waits."""
+        """Return the line typed since the question, None before that. Never waits."""
 
 
 class Permission:
@@ -58,7 +58,7 @@ class Permission:
         self._check.on_packets(received)
 
     def poll(self, now: float) -> bytes:
-        """The messages to send to the vehicle."""
+        """Return the messages to send to the vehicle."""
         return b"" if self._said else self._check.poll(now)
 
     def forget(self) -> None:

@@ -142,7 +142,7 @@ class Preflight:
         self._mode = mode
 
     def poll(self, now: float) -> bytes:
-        """The requests to send now."""
+        """Return the requests to send now."""
         session = self._session
         out = self._permission.poll(now) if self._permission else b""
         if session.vehicle and self._greeted and not session.lost:
@@ -150,7 +150,7 @@ class Preflight:
         return out
 
     def restart(self) -> None:
-        """After a gap, wait for a heartbeat and begin the count-down again."""
+        """Wait for a heartbeat after a gap, and begin the count-down again."""
         self._greeted = False
         self._mode = None
         self._arm_at = math.inf
@@ -158,7 +158,7 @@ class Preflight:
             self._permission.forget()
 
     def watch_link(self, now: float) -> None:
-        """After a loss the link is new, and the vehicle may have rebooted."""
+        """Check for a loss of the link: after one the vehicle may have rebooted."""
         for event in self._monitor.poll(now):
             self._emit(event)
 
@@ -240,7 +240,7 @@ class Preflight:
         return None
 
     def _count_down(self, now: float) -> bool:
-        """The last seconds before propellers turn."""
+        """Count down before propellers turn. Returns whether it is over."""
         if self._arm_at == math.inf:
             self._arm_at = now + self._countdown_s
             self._next_report = math.ceil(self._countdown_s)

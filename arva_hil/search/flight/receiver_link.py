@@ -46,7 +46,7 @@ class ReceiverLink:
         return self._link.name
 
     def read(self, now: float) -> list[Frame]:
-        """The new frames until `now` [s]. A repeated frame is not new."""
+        """Return the new frames until `now` [s]. A repeated frame is not new."""
         if chunk := self._read(now) if self.links else b"":
             self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
         if not (every := self._decoder.feed(chunk, now)):

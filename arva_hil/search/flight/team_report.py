@@ -34,7 +34,7 @@ class TeamReport:
     def report_flown(
         self, now: float, place: tuple[float, float, float], origin: LocalFrame, mission: Mission | None
     ) -> None:
-        """The vehicle flies by orders of the search, and is at `place` (degrees, degrees, metres AMSL)."""
+        """Report that the search flies the vehicle, which is at `place` (degrees, degrees, metres AMSL)."""
         self._report(now, place, origin, mission, flying=True, searching=True)
         lost = self._team.lost
         for number in lost.keys() - self._lost:

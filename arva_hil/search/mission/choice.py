@@ -45,14 +45,14 @@ class HeardTransmitter:
 
 
 def id_of(id_: int | None) -> int | None:
-    """As a frame has it."""
+    """Return the id as in a frame."""
     return None if id_ == NO_ID else id_
 
 
 def observations(
     frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64], ground: float | None
 ) -> dict[int, Observation]:
-    """The readings with a signal in a frame, one for each id (or none): the nearest if there are several."""
+    """Return the readings with a signal in a frame, one for each id (or none): the nearest if there are several."""
     best: dict[int, Observation] = {}
     measured = frame.measured.channels if frame.measured else (None,) * len(frame.channels)
     for channel, pulse in sorted(zip(frame.channels, measured, strict=True), key=lambda pair: pair[0].d):
@@ -100,7 +100,7 @@ class Choice:
         self._most_s = most_s
 
     def add(self, id_: int, observation: Observation) -> None:
-        """A reading of a transmitter."""
+        """Add a reading of a transmitter."""
         if id_ not in self.heard:
             if len(self.heard) >= _MOST_HEARD:
                 return
@@ -152,7 +152,7 @@ class Choice:
                 self._guidance.begin(closest, has_id=closest != NO_ID)
 
     def forgive(self) -> bool:
-        """Those that were put off may be flown to again. Whether there were any."""
+        """Allow the postponed transmitters again. Returns whether there were any."""
         there = bool(self._put_off)
         self._put_off.clear()
         return there

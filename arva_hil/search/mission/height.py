@@ -56,7 +56,7 @@ class HeightKeeper:
         self._emit = emit
 
     def velocity(self, time_s: float, height: Height) -> float:
-        """The vertical velocity [m/s], down. It climbs if the height is not a number."""
+        """Return the vertical velocity [m/s], down. It climbs if the height is not a number."""
         metres, self.wanted = height.metres, self.asked + height.margin
         self.ground = None if height.ground is None else -height.ground
         from_m, to_m = _SLOWER_M
@@ -99,7 +99,7 @@ class Descent:
         self._settled = False
 
     def velocity(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
-        """NED, m/s."""
+        """Return the velocity, NED, m/s."""
         off = math.dist(position[:2], self.place)
         floor = _LAND_M[not height.measured] + height.margin
         rest = floor + _REST_M
@@ -144,7 +144,7 @@ class TeamDescent(Descent):
 def descent_of(
     team: Teammate | None, place: tuple[float, float], speed: float, start_s: float, height: float
 ) -> Descent:
-    """The way down onto a place (north, east), in a team not onto another vehicle."""
+    """Return the descent onto a place (north, east), in a team not onto another vehicle."""
     if team is None:
         return Descent(place, speed, start_s, height)
     return TeamDescent(team, place, speed, start_s, height)

@@ -90,40 +90,43 @@ class HeightSensors:
             _HANDLERS[msgid](self, message, now)
 
     def distance(self, now: float) -> Distance | None:
-        """The rangefinder's distance. None without a valid one."""
+        """Return the rangefinder's distance. None without a valid one."""
         fresh = [metres for at, metres in self._range if now - at < FRESH_S]
         return Distance(self._range[-1][0], median(fresh), fresh[-1]) if fresh else None
 
     def pressure_altitude(self, now: float) -> tuple[float, float] | None:
-        """Time of the barometer's sample, and altitude above the take-off point [m]. None without a valid one."""
+        """Return time of the barometer's sample, and altitude above the take-off point [m].
+
+        None without a valid one.
+        """
         at, hpa = self._pressure
         if self._standing_pressure is None or now - at >= FRESH_S:
             return None
         return at, _SCALE_M * math.log(self._standing_pressure / hpa)
 
     def gps_altitude(self, now: float) -> tuple[float, float] | None:
-        """As `pressure_altitude`, by GPS."""
+        """Return time and altitude like `pressure_altitude`, by GPS."""
         at, metres = self._gps
         if self._standing_gps is None or now - at >= _GPS_FRESH_S:
             return None
         return at, metres - self._standing_gps
 
     def survey(self, now: float) -> Survey | None:
-        """The terrain database's last report. None without a valid one, or without one on the ground."""
+        """Return the terrain database's last report. None without a valid one, or without one on the ground."""
         survey = self._survey if self.standing_survey else None
         return survey if survey and now - survey.time_s < _SURVEY_FRESH_S else None
 
     def clearance(self, now: float) -> float | None:
-        """The autopilot's estimate of the height [m]."""
+        """Return the autopilot's estimate of the height [m]."""
         at, metres = self._clearance
         return metres if now - at < FRESH_S else None
 
     def only_gps(self, now: float) -> bool:
-        """True if the vehicle reports that it has no barometer."""
+        """Return True if the vehicle reports that it has no barometer."""
         return self._barometer is False and now - self._pressure[0] > _HAS_ONE_S
 
     def landed(self, now: float) -> bool:
-        """True if the autopilot has reported for some time that the vehicle is on the ground."""
+        """Return True if the autopilot has reported for some time that the vehicle is on the ground."""
         since, last = self._landed
         return now - last < FRESH_S and now - since >= _LANDED_S
 

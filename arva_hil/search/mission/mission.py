@@ -116,7 +116,7 @@ class Mission:
     def fly(
         self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
     ) -> tuple[float, float, float]:
-        """The velocity to fly now [m/s, NED].
+        """Return the velocity to fly now [m/s, NED].
 
         `position`: of the vehicle; `receiver`: of its receiver, if different; `height`: above the ground, if more is
         known than the position.
@@ -143,7 +143,7 @@ class Mission:
         return north * share, east * share, down
 
     def confirm(self, time_s: float) -> None:
-        """The last look, from near the ground: the transmitter may have moved since its place was told."""
+        """Compare the newest readings, from near the ground: the transmitter may have moved in the meantime."""
         if self.found_surely and self.found and self._last_look.check(self.found, time_s, last=True) != AGREES:
             self.sure, self.ended = False, because(Why.NOT_SURE)
 
@@ -268,7 +268,7 @@ class Mission:
         return self._go_on(position)
 
     def _go_on(self, position: Position) -> Velocity:
-        """To the next transmitter, or back to the strips."""
+        """Go on to the next transmitter, or back to the strips. Returns the velocity."""
         self.found = None
         self.choice.leave()
         self._strips.resume(position)

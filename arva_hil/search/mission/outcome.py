@@ -65,13 +65,13 @@ class SearchStep(NamedTuple):
 
 
 def lla(origin: LocalFrame, north: float, east: float, down: float) -> tuple[float, float, float]:
-    """A place [m from the take-off point] in degrees, degrees, metres AMSL."""
+    """Return a place [m from the take-off point] in degrees, degrees, metres AMSL."""
     lat, lon, alt = map(float, origin.lla([north, east, down]))
     return lat, lon, alt
 
 
 def kind_of(mission: Mission | None) -> Kind:
-    """The kind of outcome for the places that are reported: "failed" if not all that were asked for are."""
+    """Return the kind of outcome for the places that are reported: "failed" if not all that were asked for are."""
     if mission is None:
         return "failed"
     complete = mission.at_goal if mission.victims.several else mission.found is not None
@@ -81,7 +81,7 @@ def kind_of(mission: Mission | None) -> Kind:
 
 
 def conclusion(mission: Mission) -> tuple[Kind, Reason]:
-    """The kind of outcome, and how it ended, of a mission whose flight ended as it should."""
+    """Return the kind of outcome, and how it ended, of a mission whose flight ended as it should."""
     if (kind := kind_of(mission)) != "failed":
         return kind, because(Why.FOUND if mission.sure else Why.NOT_SURE)
     assert mission.ended is not None
@@ -89,7 +89,7 @@ def conclusion(mission: Mission) -> tuple[Kind, Reason]:
 
 
 def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tuple[Reason, ...]) -> Outcome:
-    """The outcome. `origin`: the take-off point."""
+    """Return the outcome. `origin`: the take-off point."""
     id_, found, victims = mission.choice.target, mission.found, probing_order(mission.victims.places)
     if mission.victims.several:
         id_, found = (victims[0].id, victims[0].found) if victims else (None, None)

@@ -81,7 +81,7 @@ class SameReading:
         self._frames = 0
 
     def after(self, channels: tuple[Channel, ...], position: Position, time_s: float) -> SameReading:
-        """This one, if these channels are the same, otherwise a new one."""
+        """Return this object if these channels are the same, otherwise a new one."""
         same = self if channels == self.channels else SameReading(channels, position)
         if channels:
             same._again(position, time_s)
@@ -110,7 +110,7 @@ class Pauses:
         self._emit = emit
 
     def on_frame(self, frame: Frame, position: Position, time_s: float) -> bool:
-        """A new frame; whether it may be used: not if it repeats a reading from another place."""
+        """Check a new frame. Returns False if it repeats a reading from another place."""
         self._last_frame_s = time_s
         self._standstill.on_frame(frame, position, time_s)
         return not self._standstill.whole.old

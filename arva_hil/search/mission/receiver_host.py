@@ -45,7 +45,7 @@ class ReceiverHost:
         self._waiting.append(Command(self._number, name, values))
 
     def feed(self, chunk: bytes, now: float) -> None:
-        """Bytes of the port. Nothing is kept while nothing is asked."""
+        """Use bytes of the port. Without a pending command they are dropped."""
         if self._waiting:
             self._answers += self._decoder.feed(chunk, now)
 

@@ -59,7 +59,7 @@ class Victim:
 
 
 def probing_order(victims: list[Victim]) -> tuple[Victim, ...]:
-    """The surest place first; of equal ones the one that was found first."""
+    """Return the places, the surest first; equal ones in the order of finding."""
     return tuple(sorted(victims, key=lambda victim: (not victim.sure, victim.sigma, victim.time_s)))
 
 
@@ -115,7 +115,7 @@ class Victims:
         return None if NO_ID in every or not self._known else len(every - self._known.keys())
 
     def on_frame(self, frame: Frame, time_s: float) -> None:
-        """A frame: marks that are lost, and who was heard together with whom."""
+        """Use a frame: detect lost marks, and remember transmitters received together."""
         ids = {channel.id for channel in frame.channels if channel.id is not None}
         self._together |= {frozenset((a, b)) for a in ids for b in ids if a < b}
         self._more = bool(frame.status & MORE_TRANSMITTERS)
@@ -147,7 +147,7 @@ class Victims:
         return False
 
     def doubt(self, id_: int, found: Found, time_s: float) -> bool:
-        """The readings do not agree with a place. Whether it is looked for again: once for each transmitter."""
+        """Handle readings that contradict a place. Returns whether to visit it again: once for each transmitter."""
         if id_ in self._doubted:
             return False
         self._doubted.add(id_)
@@ -183,7 +183,7 @@ class Victims:
         return there
 
     def add(self, victim: Victim, dipole: NDArray[np.float64] | None, time_s: float) -> None:
-        """A place is found, and the vehicle hovers above it. `dipole`: there, of a transmitter without an id."""
+        """Add a found place, above which the vehicle hovers. `dipole`: there, of a transmitter without an id."""
         self.unreported = True
         self.places.append(victim)
         self._know(victim.id, len(self.places) - 1)
@@ -192,7 +192,7 @@ class Victims:
         self._mark(len(self.places) - 1, time_s)
 
     def report(self, heard: Iterable[int], time_s: float) -> None:
-        """The newest place is told, and who is left of those `heard`."""
+        """Report the newest place, and the transmitters left of those `heard`."""
         self.unreported = False
         self._visited.clear()
         self._aside.clear()

@@ -56,7 +56,7 @@ class Judgement(NamedTuple):
     there: Explanation  # the best one near the place
 
     def agrees(self, height_m: float) -> bool:
-        """It can be true; the receiver was flown at that height."""
+        """Return True if it is plausible; the receiver was flown at that height."""
         depth_m = self.below_m - height_m if self.depth_m is None else self.depth_m
         buried = depth_m < _DEEPEST_M and 1 / _STRONGEST < self.strength < _STRONGEST
         fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < OUTLIERS and self.newest < _NEWEST
@@ -105,7 +105,7 @@ class Evidence(History):
 
 
 def beginning(place: tuple[float, float], history: History) -> Array:
-    """Dipoles (K, 6) to begin with: some at a place, and those that agree with the strongest reading."""
+    """Return dipoles (K, 6) to begin with: some at a place, and those that agree with the strongest reading."""
     o = history.nearest
     assert o is not None
     level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.pi / _TURNS]

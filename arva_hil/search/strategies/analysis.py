@@ -214,7 +214,7 @@ class StrategyError(ArvaError):
 
 
 def checked_velocity(said: Any) -> Velocity:
-    """The result of `velocity` [m/s north and east]. Raises StrategyError unless it is two finite numbers."""
+    """Return the result of `velocity` [m/s north and east]. Raises StrategyError unless it is two finite numbers."""
     try:
         north, east = said
         if math.isfinite(math.hypot(north, east)):
@@ -225,7 +225,7 @@ def checked_velocity(said: Any) -> Velocity:
 
 
 def checked_found(said: Any) -> Found | None:
-    """The value of `found`, None if a coordinate is not finite. Raises StrategyError unless it is a Found."""
+    """Return the value of `found`, None if a coordinate is not finite. Raises StrategyError unless it is a Found."""
     if said is None:
         return None
     if not isinstance(said, Found):
@@ -237,24 +237,24 @@ def checked_found(said: Any) -> Found | None:
 
 
 def failed(error: BaseException) -> str:
-    """The outcome of a search whose strategy has raised this error."""
+    """Return the outcome of a search whose strategy has raised this error."""
     said = str(error) if isinstance(error, StrategyError) else f"{_shown(error)}{_where(error)}"
     return f"the strategy has failed: {said}; {_CURE}"
 
 
 def silent(took_s: float) -> str:
-    """The outcome of a search whose strategy does not answer any more."""
+    """Return the outcome of a search whose strategy does not answer any more."""
     return f"the strategy has failed: it has not answered for {took_s:.1f} s; {_CURE}"
 
 
 def killed(exit_code: int | None) -> str:
-    """The outcome of a search whose strategy has ended its own process, or was killed in it by a signal."""
+    """Return the outcome of a search whose strategy has ended its own process, or was killed in it by a signal."""
     why = f"signal {-exit_code}" if exit_code and exit_code < 0 else f"exit code {exit_code}"
     return f"the strategy has failed: its process has ended ({why}); {_CURE}"
 
 
 def _sound(found: Found) -> Found | None:
-    """The place without what is invalid of the rest."""
+    """Return the place without its invalid other values."""
     north, east, down, covariance, now = found
     if not math.isfinite(north + east):
         return None
@@ -268,7 +268,7 @@ def _sound(found: Found) -> Found | None:
 
 
 def _shown(thing: Any) -> str:
-    """The repr of a value, shortened."""
+    """Return the repr of a value, shortened."""
     if inspect.iscoroutine(thing):
         thing.close()  # otherwise Python warns later that it was never awaited
         return "a coroutine (write def, not async def)"
@@ -276,7 +276,7 @@ def _shown(thing: Any) -> str:
 
 
 def _where(error: BaseException) -> str:
-    """The last line that was run in the file of the strategy."""
+    """Return the last line that was run in the file of the strategy."""
     frames = traceback.extract_tb(error.__traceback__)
     file = next((frame.filename for frame in frames if frame.filename != __file__), "")
     lines = [frame.lineno for frame in frames if frame.filename == file]

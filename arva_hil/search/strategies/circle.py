@@ -28,12 +28,12 @@ class Circle:
         return self._turned >= _ENOUGH and self._readings >= _READINGS
 
     def observe(self, centre: tuple[float, float]) -> None:
-        """One more reading; the centre by it."""
+        """Add a reading, and update the centre."""
         self.centre = centre
         self._readings += 1
 
     def velocity(self, position: Position, speed: float) -> Velocity:
-        """The velocity along the circle; from anywhere it first leads there."""
+        """Return the velocity to the circle, then along it."""
         at = self._angle(position)
         if math.dist(position[:2], self.centre) > RADIUS_M / 2:
             self._turned += (at - self._at + math.pi) % (2 * math.pi) - math.pi

@@ -56,7 +56,7 @@ class Cross:
             self._judge()
 
     def target(self, position: Position) -> Place:
-        """The next goal: the centre, then the end of the arm."""
+        """Return the next goal: the centre, then the end of the arm."""
         if not self._on_arm:
             return self.centre
         c, s = math.cos(self._course), math.sin(self._course)
@@ -81,7 +81,10 @@ class Cross:
 
 
 def middle(heard: list[Reading]) -> float:
-    """The middle of an arm [m along it]: the centroid of the field's power. The readings are at several places."""
+    """Return the middle of an arm [m along it]: the centroid of the field's power.
+
+    The readings are at several places.
+    """
     total = moment = 0.0
     for (a, power_a), (b, power_b) in pairwise(sorted(heard)):
         share = (b - a) * (power_a + power_b)

@@ -88,7 +88,7 @@ class DipoleReadings:
         time_s: float = 0.0,
         ground: float | None = None,
     ) -> None:
-        """One more, in place of the weakest when there are too many.
+        """Add a reading, in place of the weakest if there are too many.
 
         The receiver at `position` NED [m], turned by `rotation` (3, 3) to NED; d in metres, not above 0 when
         nothing was heard; δ in radians.
@@ -100,7 +100,7 @@ class DipoleReadings:
         self._show(max(n, i + 1))
 
     def add_all(self, readings: Sequence[Reading]) -> None:
-        """As `add` for each, where none was added before, in a tenth of the time."""
+        """Add the first readings, in a tenth of the time of `add`."""
         if not readings:
             return
         positions, rotations, d, delta, inner, times_s, grounds = zip(*readings, strict=True)
@@ -236,7 +236,7 @@ def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, round
 
 
 def the_better(old: Fit, new: Fit, better: NDArray[np.bool_]) -> Fit:
-    """The new fit of the hypotheses (K,) that are `better` by it, the old one of the others."""
+    """Return the new fit for the hypotheses (K,) that are `better`, the old one for the others."""
     if better.all():
         return new
     pairs = zip(old, new, strict=True)
@@ -244,7 +244,7 @@ def the_better(old: Fit, new: Fit, better: NDArray[np.bool_]) -> Fit:
 
 
 def likely_pose_error(fit: Fit, i: int, o: DipoleReadings, errors: Array = _POSE_ERRORS) -> float:
-    """Of `errors` of the receiver's place, m, that which makes what was said most likely, were hypothesis i true."""
+    """Return the likeliest of `errors` of the receiver's place [m], by the readings and hypothesis i."""
     total = errors[:, None] ** 2 * fit.slope[i] + fit.variance[i]
     tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (TAIL * total))
     cost = 0.5 * np.add.reduce(o.told * (TAIL * tail + np.log(total)), axis=1)
@@ -261,7 +261,7 @@ def unexplained(x: Array, o: DipoleReadings, error_m: float, variances: float) -
 
 
 def seeds(position: Sequence[float], bearing: float, d: float, ground: float | None = None) -> Array:
-    """Hypotheses (24, 6) that agree with one reading: on all sides of it, the field there rising, level, sinking.
+    """Return hypotheses (24, 6) that agree with one reading: on all sides, with a rising, level or sinking field.
 
     All of the reference strength and near the expected depth; bearing of the field in radians, d in metres.
     """

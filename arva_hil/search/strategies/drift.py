@@ -54,7 +54,7 @@ class _Linear(NamedTuple):
 
 
 def _linear(fit: dipole.Fit, k: int, drift: Array, pose_error: float, alike: Array) -> _Linear:
-    """Hypothesis k of a fit; `alike`: covariance (2N, 2N) of the drifts at the readings of two parts."""
+    """Return hypothesis k of a fit, linear; `alike`: covariance (2N, 2N) of the drifts at the readings of two parts."""
     used = np.flatnonzero(fit.weight[k])
     of, j = used // 2, fit.slopes[k][:, used]
     exact = pose_error**2 * fit.slope[k, used] + fit.variance[k, used]
@@ -104,7 +104,7 @@ def fitted(
 
 
 def _settled(x: Array, drift: Array, one: _Linear, newest: Array, drift_m: float, time_s: Array) -> DriftFit:
-    """The fit of a hypothesis; `newest`: covariance (N,) of the drift now with that of each reading."""
+    """Return the fit of a hypothesis; `newest`: covariance (N,) of the drift now with that of each reading."""
     covariance = np.linalg.inv(one.information)
     known = one.slopes[:3] * newest[one.of]  # covariance of the drift now with each error
     turn = np.eye(3, 6) - known @ one.solved[:, :6]
@@ -130,13 +130,13 @@ def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings,
 
 
 def _then(fit: DriftFit, time_s: Array) -> Array:
-    """The drift of a fit at times (N,); of new readings, as it was last."""
+    """Return the drift of a fit at times (N,); of new readings, as it was last."""
     order = 1 + np.argsort(fit.time_s[1:])
     return np.array([np.interp(time_s, fit.time_s[order], axis[order]) for axis in fit.drift])
 
 
 def _alike(after_s: Array) -> Array:
-    """The correlation of drifts that are so far apart in time."""
+    """Return the correlation of drifts by their distance in time."""
     slow, quick = _SLOW_S
     t = np.abs(after_s)
     return (slow * np.exp(-t / slow) - quick * np.exp(-t / quick)) / (slow - quick)

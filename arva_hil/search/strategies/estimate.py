@@ -254,7 +254,7 @@ class Estimate:
         self._spread(_CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2])
 
     def _weigh_drifting(self) -> None:
-        """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
+        """Weigh the hypotheses under a drift, at their places in the frame reported now."""
         self._readings = self._evidence.readings(self._cause)
         self._drifts = fitted_again(self._x, self._drifts, self._readings, self._cause.drift_m)
         self._x, self._places = (np.array(column) for column in zip(*((d.x, d.now) for d in self._drifts), strict=True))
@@ -265,7 +265,7 @@ class Estimate:
         self._spread(np.array([d.now_covariance[:2, :2] for d in self._drifts]))
 
     def _spread(self, each: NDArray[Any]) -> None:
-        """The covariance of the average of the hypotheses, from that of each."""
+        """Update the covariance of the average of the hypotheses, from that of each."""
         off = self._places[:, :2] - self._share @ self._places[:, :2]
         each = each + off[:, :, None] * off[:, None]
         self._covariance = np.einsum("k,kij->ij", self._share, each)

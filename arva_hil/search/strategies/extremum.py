@@ -81,7 +81,7 @@ class Extremum:
         return Belief(goal=self._centre)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """The velocity around the drifting centre, or to the place found."""
+        """Return the velocity around the drifting centre, or to the place found."""
         if self._centre is None:
             return STILL
         if self.found:
@@ -100,7 +100,7 @@ class Extremum:
         return min(_DITHER * self._speed / self._radius, _TURN)
 
     def _circle(self, time_s: float) -> tuple[float, float, float]:
-        """The centre of the circle [m north, east] at a time, and the phase [rad]."""
+        """Return the centre of the circle [m north, east] at a time, and the phase [rad]."""
         assert self._centre is not None
         dt = min(time_s - self._time_s, _SILENCE_S)
         north, east = self._centre
@@ -123,7 +123,7 @@ class Extremum:
             self.found = Found(*middle)
 
     def _swings(self) -> tuple[float, float] | None:
-        """The place around which the centre has swung for several rounds; None if it moves away."""
+        """Return the place around which the centre has swung for several rounds; None if it moves away."""
         assert self._centre is not None
         self._centres.append((self._phase, *self._centre))
         while self._centres[0][0] < self._phase - _PATIENCE:

@@ -55,7 +55,7 @@ class Flux:
             self._turn_back(o)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """The velocity along the course or the cross; slower near the transmitter."""
+        """Return the velocity along the course or the cross; slower near the transmitter."""
         if self._course is None:
             return STILL
         s = _K * self._d
@@ -65,7 +65,7 @@ class Flux:
         return speed * math.cos(self._course), speed * math.sin(self._course)
 
     def _along(self, o: Observation) -> float:
-        """The course along the flux line, in the direction nearer to the present course."""
+        """Return the course along the flux line, in the direction nearer to the present course."""
         if self._course is None:
             return o.bearing
         if o.inner:

@@ -84,7 +84,7 @@ class History:
         self._read: list[Observation] = []
 
     def pose(self, o: Observation) -> None:
-        """The receiver was there, whatever it heard."""
+        """Remember a pose of the receiver."""
         if self._poses and o.time_s < self._poses[-1].time_s:
             self._poses.clear()  # the clock was set back
         if self._poses and not o.time_s - self._poses[-1].time_s >= _NEXT_S:
@@ -94,7 +94,7 @@ class History:
             del self._poses[: _MOST[0] // 4]
 
     def read(self, o: Observation) -> None:
-        """A reading to be used."""
+        """Add a reading."""
         self._read.append(o)
         if len(self._read) > _MOST[1]:
             del self._read[: _MOST[1] // 4]
@@ -188,7 +188,7 @@ class History:
         return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
 
     def at(self, time_s: float) -> tuple[Position, Array]:
-        """The pose then: position and rotation; before all the first one, after all the last one."""
+        """Return the pose then: position and rotation; before all the first one, after all the last one."""
         i = bisect.bisect_right(self._poses, time_s, key=_time)
         if i == 0 or i == len(self._poses):
             o = self._poses[max(i - 1, 0)]
@@ -204,7 +204,7 @@ def _distance(o: Observation) -> float:
 
 
 def _drifts(cause: Cause, readings: dipole.DipoleReadings, fits: list[DriftFit]) -> Explanation:
-    """The explanation by fits under a drift."""
+    """Return the explanation by fits under a drift."""
     fits.sort(key=lambda one: one.cost)
     odd = _ODD * ((cause.lag_s > 0) + (cause.drift_m != DRIFTS_M[0]))
     costs, x = (np.array(column) for column in zip(*((odd + one.cost, one.x) for one in fits), strict=True))

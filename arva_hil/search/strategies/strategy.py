@@ -124,7 +124,9 @@ class Strategy(Protocol):
         """Use the reading of one more frame, which may be without a signal."""
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """The velocity to fly now: two finite numbers, STILL to hover. It is called several times between frames.
+        """Return the velocity to fly now: two finite numbers, STILL to hover.
+
+        It is called several times between frames.
 
         While a strategy computes, the vehicle flies the last velocity; after 1 s it hovers, after 10 s it lands.
         """
@@ -137,7 +139,7 @@ def as_position(place: NDArray[np.float64]) -> Position:
 
 
 def towards(position: Position, place: tuple[float, float], speed: float, *, gain: float = 1.0) -> Velocity:
-    """The velocity to a place: `speed` far from it, `gain` [1/s] times the distance near it."""
+    """Return the velocity to a place: `speed` far from it, `gain` [1/s] times the distance near it."""
     north, east = place[0] - position[0], place[1] - position[1]
     distance = math.hypot(north, east)
     share = min(gain, speed / distance) if distance > 0 else 0.0

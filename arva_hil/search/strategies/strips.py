@@ -33,7 +33,7 @@ class Strips:
 
     @classmethod
     def of(cls, plan: SearchPlan, position: Position) -> Strips:
-        """The strips of a plan's area."""
+        """Return the strips of a plan's area."""
         return Strips(plan.area, plan.speed, position, width=plan.strip_width)
 
     @property
@@ -47,7 +47,7 @@ class Strips:
         return self.flown
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """The velocity to the next end of a lane; STILL after the last one."""
+        """Return the velocity to the next end of a lane; STILL after the last one."""
         if self._back and not self._reaches(position, self._back):
             return towards(position, self._back, self._speed)
         self._back = None

@@ -87,7 +87,10 @@ def apart_m(other: News, age_s: float, speed: float) -> float:
 
 
 def neighbours(others: Iterable[tuple[News, float]], frame: LocalFrame, position: Position, speed: float) -> list[Near]:
-    """Those for which it may have to make room. `others`: with the age of their news; position NED [m] in `frame`."""
+    """Return the vehicles for which it may have to make room.
+
+    `others`: with the age of their news; position NED [m] in `frame`.
+    """
     return [near for near in _seen(others, frame, position, speed) if near.metres < near.room_m]
 
 
@@ -118,7 +121,7 @@ def kept_apart(
 
 
 def clear_of(place: tuple[float, float], taken: list[tuple[tuple[float, float], float]]) -> tuple[float, float]:
-    """The nearest to a place that is not near one of those that are taken, each with how far that is [m]."""
+    """Return the place nearest to a goal that keeps off the `taken` ones, each with its radius [m]."""
     around = [math.tau * n / _DIRECTIONS for n in range(_DIRECTIONS)]
     ring = [(n + (off + 1) * math.cos(a), e + (off + 1) * math.sin(a)) for (n, e), off in taken for a in around]
     clear = [at for at in (place, *ring) if all(math.dist(at, there) >= off for there, off in taken)]

@@ -53,13 +53,13 @@ class Teammate:
         self._area: Area = (-math.inf, -math.inf, math.inf, math.inf)  # of all, from its take-off point
 
     def on_news(self, news: News) -> None:
-        """Another one has told this."""
+        """Use the news of another search."""
         if news.number != self.number:
             self._others[news.number] = news
             self._flown.update(news.flown)
 
     def skip(self, now: float) -> None:
-        """It was held up until now: silence until then does not count."""
+        """Handle a delay until now: silence until then does not count."""
         self._deaf_until_s = now
 
     def report(
@@ -99,31 +99,31 @@ class Teammate:
         return hunted or any(id_ in other.found for other in self._others.values())
 
     def layered(self, plan: SearchPlan) -> SearchPlan:
-        """The plan at the height of its own layer."""
+        """Return the plan at the height of its own layer."""
         self._raised_m = layer_m(self.number)
         return replace(plan, height=plan.height + self._raised_m, take_off=plan.take_off + self._raised_m)
 
     def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
-        """The plan with the team's area as it is seen from the take-off point."""
+        """Return the plan with the team's area as it is seen from the take-off point."""
         self._speed, self._origin, self._alt = plan.speed, origin, float(origin.lla([0.0, 0.0, 0.0])[2])
         plan = plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
         self._area = plan.area
         return plan
 
     def area(self) -> Area | None:
-        """The part that it searches, from its take-off point."""
+        """Return the part that it searches, from its take-off point."""
         if self._field is None or self._origin is None or self._part is None:
             return None
         return self._field.seen_from(self._origin, self._part)
 
     def done(self) -> None:
-        """All strips of its part are flown."""
+        """Mark the strips of its part as flown."""
         if self._part is not None:
             self._flown.add(self._part)
             self._part = None
 
     def claim(self) -> Area | None:
-        """A part that is nobody's, the next one to its own first: from now on it is this one's. None: there is none."""
+        """Take a free part, the nearest to its own first. Returns None if there is none."""
         left = self._left()
         if left:
             self._part = min(left, key=lambda part: (abs(part - self.number), part))
@@ -275,7 +275,7 @@ class Teammate:
         return [other for other in self._others.values() if not self._is_old(other)]
 
     def _held(self) -> set[int]:
-        """The parts that others search. One that was never heard may still come."""
+        """Return the parts that others search. A search that sent nothing so far may still come."""
         assert self._field is not None
         held = {other.part for other in self._alive() if other.part is not None}
         if self._now - self._began < _ABSENT_S:
@@ -299,7 +299,7 @@ class Teammate:
         return id_ in self._own or self.taken(id_, own=False)
 
     def _seen(self, lat: float, lon: float) -> tuple[float, float]:
-        """A place from its own take-off point."""
+        """Return a place from the own take-off point."""
         assert self._origin is not None
         north, east, _ = (float(value) for value in self._origin.ned(lat, lon, self._alt))
         return north, east
@@ -313,7 +313,7 @@ class Bus:
         self._field = field
 
     def join(self) -> Teammate:
-        """One more search."""
+        """Add a search."""
         mate = Teammate(len(self._mates), self._pass_on, self._field)
         self._mates.append(mate)
         return mate

@@ -30,7 +30,7 @@ class TeamField:
     count: int
 
     def seen_from(self, origin: LocalFrame, part: int | None = None) -> Area:
-        """The area, or one of its parts, from another origin."""
+        """Return the area, or one of its parts, from another origin."""
         north, east, _ = (float(value) for value in self.frame.ned(*origin.lla([0.0, 0.0, 0.0])))
         south_m, west_m, north_m, east_m = self.area if part is None else divide(self.area, self.count)[part]
         return south_m - north, west_m - east, north_m - north, east_m - east

@@ -9,7 +9,7 @@ from arva_hil.search.team.team import Teammate
 
 
 def strips_of(team: Teammate, plan: SearchPlan, position: Position) -> Strips:
-    """The way over its own part of the team's area, then over those that others have left."""
+    """Return strips over its own part of the team's area, then over those that others have left."""
     area = team.area()
     return Strips.of(plan, position) if area is None else TeamStrips(area, plan, position, team)
 

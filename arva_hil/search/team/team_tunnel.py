@@ -46,7 +46,7 @@ _RESTARTED_S: Final = 5.0  # after this silence, accept that a search has restar
 
 
 def encode(news: News) -> bytes:
-    """The payload of news, at most 128 bytes."""
+    """Return the payload of news, at most 128 bytes."""
     lat, lon, alt = news.lla
     ids = bytes(id_ for id_ in news.found[:_MOST_IDS] if 0 <= id_ < _NONE)
     heard = [one for one in news.heard[:MOST_HEARD] if 0 <= one.id < _NONE]
@@ -124,18 +124,18 @@ class TeamTunnel:
         self._quickest: dict[int, float] = {}  # by number: the least difference of the clocks
 
     def send(self, news: News) -> None:
-        """To be sent the next time; older news that did not leave yet are out of date."""
+        """Queue news for the next `poll`, in place of older ones."""
         self._due = news
 
     def poll(self) -> list[Any]:
-        """The messages to send now, to all systems."""
+        """Return the messages to send now, to all systems."""
         if self._due is None:
             return []
         payload, self._due = encode(self._due), None
         return [tunnel(TEAM_TYPE, payload)]
 
     def on_packet(self, packet: Packet, now: float) -> News | None:
-        """The news in a packet; None for anything else. `time_s` is then on the own clock."""
+        """Return the news in a packet; None for anything else. `time_s` is then on the own clock."""
         if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or packet.component != self._component:
             return None
         if packet.system not in self._systems or (message := decode(packet)) is None:
