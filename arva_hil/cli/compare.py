@@ -50,7 +50,7 @@ def main(options: argparse.Namespace) -> int:
     for line in _clocks(pairs):
         tell(line)
     if not result:
-        raise Failure(FAILED, "no reading in either: the receivers heard nothing; is the format right?")
+        raise Failure(FAILED, "no signal in either record: is the format right?")
     if options.json:
         for one in result:
             show_json({**one.as_json(), "paired_by": pairs.how, "clock_offset_s": pairs.offset_s})
@@ -67,7 +67,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def only_receiver(recording: Recording) -> RecordedReceiver:
-    """The only receiver of a record with frames and poses. Raises Failure."""
+    """Return the only receiver of a record with frames and poses. Raises Failure."""
     if len(recording.receivers) != 1:
         raise Failure(
             FAILED, f"{recording.folder}: expected a record of one receiver, found {len(recording.receivers)}"
@@ -83,7 +83,7 @@ def only_receiver(recording: Recording) -> RecordedReceiver:
 
 
 def emulated_scenario(name: str, seed: int | None) -> Scenario:
-    """The scenario of one receiver. Raises UsageError for one with vehicles."""
+    """Return the scenario of one receiver. Raises UsageError for one with vehicles."""
     scenario = load(name)
     if scenario.vehicles:
         raise UsageError(f"{scenario.source}: vehicles: name a scenario of one receiver")
@@ -111,7 +111,7 @@ def _clocks(pairs: Paired) -> list[str]:
 
 
 def lines(result: Sequence[Comparison], names: tuple[str, str]) -> list[str]:
-    """The table for a person."""
+    """Return the lines of the table."""
     said = [f"d and δ: {names[0]} minus {names[1]}; bias is the median, scatter 1.48 times the median deviation"]
     for c in result:
         who = "the transmitter" if c.id is None else f"transmitter {c.id}"
@@ -120,7 +120,7 @@ def lines(result: Sequence[Comparison], names: tuple[str, str]) -> list[str]:
             f"{who}: {c.both} of {c.frames} frames in both, {c.first_only} only {names[0]}, {c.second_only} only "
             f"{names[1]}; frames lost: {c.first_lost}, {c.second_lost}",
         ]
-        lag = "the flight does not tell it" if c.lag_s is None else f"{c.lag_s:+.2f} s"
+        lag = "unknown from this flight" if c.lag_s is None else f"{c.lag_s:+.2f} s"
         said.append(f"lag of {names[0]}: {lag}")
         said += [f"warning: {hint}" for hint in c.hints]
         if c.all:

@@ -157,7 +157,7 @@ class Ending:
 
 
 def doubt(log: ReceiverLog, format: str) -> str:
-    """The reason why there is no frame, for a person."""
+    """Return the likely reason for missing frames."""
     if not log.first_bytes:
         return "the receiver has sent nothing: is it the right port, and is the receiver on?"
     guess = guess_format(log.first_bytes, format)

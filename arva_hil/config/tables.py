@@ -114,7 +114,7 @@ def is_table(value: Any) -> bool:
 
 @functools.cache
 def keys(cls: Any, spec: int = 1_000) -> Mapping[str, Field]:
-    """The keys of a table that files of a spec have."""
+    """Return the keys of a table that files of a spec have."""
     return {name: one for name, one in cls.__table__.items() if 0 < one.since <= spec}
 
 
@@ -136,7 +136,7 @@ def newer_keys(value: Any) -> set[str]:
 
 
 def _check(self: Any, *init_vars: Any) -> None:
-    """The `__post_init__` of a table: checks the values that it was made with."""
+    """Check the values of a new table; used as its `__post_init__`."""
     fields, for_file = self.__table__, iter(init_vars)
     values = {name: next(for_file) if one.file_only else getattr(self, name) for name, one in fields.items()}
     unusual = {
@@ -301,7 +301,7 @@ def unknown_key(
 
 
 def valid_value(cls: Any, mapping: Mapping[str, Any], key: str) -> Any:
-    """The value of a key in a mapping that is not read yet; the default if it is not there, None if it is wrong."""
+    """Return the value of a key in an unread mapping; the default if it is absent, None if it is wrong."""
     one = cls.__table__[key]
     try:
         return one.constraint.read(mapping[key]) if key in mapping else one.default
@@ -315,7 +315,7 @@ def lacks(of: Any, key: str) -> bool:
 
 
 def items_of(of: Any, key: str) -> list[tuple[tuple[str | int, ...], Any]]:
-    """The items of a list in a table, each with its path; what is nothing at all in a file is left out."""
+    """Return the items of a list in a table, each with its path; empty items of a file are left out."""
     return [((key, at), one) for at, one in enumerate(getattr(of, key) or ()) if one is not None]
 
 

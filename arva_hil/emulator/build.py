@@ -115,7 +115,7 @@ def _strength(transmitter: config.Transmitter) -> float:
 
 
 def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
-    """A set of its class, with the values of the scenario."""
+    """Return a set of its class, with the values of the scenario."""
     options = transmitter.keying or _KEYING
     drawn = keying.draw_keying(keying.KEYING_CLASSES[options.kind], seed, transmitter.id, options.temperature_c)
     names = "period_s", "pulse_s", "phase_s", "jitter_s", "carrier_hz", "leak_db", "from_s"
@@ -173,7 +173,7 @@ class ScenarioGround:
         self._level = self._grid is None or (self._grid == "autopilot" and heights is None)
 
     def place(self, transmitter: config.Transmitter) -> tuple[tuple[float, float, float], float]:
-        """Of a transmitter with a depth: its place NED [m], and the ground there, down [m]; NaN if it is not known."""
+        """Return the place of a transmitter with a depth, NED [m], and the ground there, down [m]; NaN if unknown."""
         lat, lon = lat_lon(transmitter, self._frame)
         north, east, ground = self._frame.ned(lat, lon, self._alt((lat, lon))).tolist()
         if transmitter.ned is not None:
@@ -193,13 +193,13 @@ class ScenarioGround:
 
 
 def ground_places(scenario: config.Scenario, frame: LocalFrame) -> list[LatLon]:
-    """The places with a needed height: each transmitter with a depth, and the datum if it is home."""
+    """Return the places with a needed height: each transmitter with a depth, and the datum if it is home."""
     places = [lat_lon(t, frame) for t in scenario.transmitters if t.depth_m is not None]
     return [_rounded(frame.lla((0.0, 0.0, 0.0))), *places] if places and scenario.datum == "home" else places
 
 
 def lat_lon(transmitter: config.Transmitter, frame: LocalFrame) -> LatLon:
-    """The place of a transmitter at rest."""
+    """Return the place of a transmitter at rest."""
     lla = transmitter.lla
     return _rounded((lla.lat, lla.lon) if lla else frame.lla(transmitter.ned or (0.0, 0.0, 0.0)))
 

@@ -218,7 +218,7 @@ class MavlinkDecoder(FrameDecoder):
 
 
 def zone_of(d: int, delta: int) -> int:
-    """The zone, concluded from distance and angle."""
+    """Return the zone, concluded from distance and angle."""
     if d < 0:
         return firmware_proto.OUTER
     return firmware_proto.INNER if d <= 300 and delta == 0 else firmware_proto.MID

@@ -1,4 +1,4 @@
-"""Pages and messages have no word that stands for several things: `look`, `tell`, `way`, `nobody`."""
+"""Pages and messages have no vague word: `look`, `tell`, `way`, `nobody`. Docstrings begin as the style asks."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ VAGUE = re.compile(
     r"by a hair|nobody|somebody|whoever|what it says)(?![\w/(=-])",
     re.I,
 )
+OPENERS = re.compile(r"(What|Whether|How|Who|Whose|Where|When|Which)\b")
+ARTICLES = re.compile(r"(The|A|An|All|Each|Every|One|Those|Returns|Raises|Yields)\b")  # a function begins with a verb
 PAGES = sorted(
     [
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
@@ -24,7 +26,10 @@ PAGES = sorted(
         *(ROOT / "firmware_proto").rglob("*.md"),
     ]
 )
-MODULES = sorted((ROOT / "arva_hil").rglob("*.py"))
+MODULES = {
+    module: ast.parse(module.read_text(encoding="utf-8")) for module in sorted((ROOT / "arva_hil").rglob("*.py"))
+}
+LATER = {"ground.py", "range_check.py"}  # of the search's mission: their docstrings follow with the next change there
 
 
 def vague(text: str) -> list[str]:
@@ -38,14 +43,13 @@ def prose(page: Path) -> str:
     return re.sub(r"(?ms)^( *)```.*?^\1```$|\]\([^)]*\)|^ {4}.*?$", "", text)
 
 
-def messages(module: Path) -> Iterator[str]:
+def messages(tree: ast.Module) -> Iterator[str]:
     """Yield the texts of a module that may become a message: those of several words that are no docstring."""
-    tree = ast.parse(module.read_text(encoding="utf-8"))
     alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if not isinstance(node, ast.Constant) or not isinstance(node.value, str) or id(node) in alone:
             continue
-        if len(node.value.split()) > 1 and not re.fullmatch(r"([A-Z]\w+ ?)+", node.value):
+        if len(node.value.split()) > 1 and not re.fullmatch(r"([A-Z]\w+ ?)+|\w+ or \w+", node.value):
             yield node.value
 
 
@@ -68,5 +72,25 @@ def test_no_page_has_a_vague_word() -> None:
 
 
 def test_no_message_has_a_vague_word() -> None:
-    found = [(str(module.relative_to(ROOT)), text) for module in MODULES for text in messages(module) if vague(text)]
+    found = [
+        (str(module.relative_to(ROOT)), text)
+        for module, tree in MODULES.items()
+        for text in messages(tree)
+        if vague(text)
+    ]
+    assert found == []
+
+
+def test_docstrings_begin_with_a_noun_phrase_or_with_a_verb() -> None:
+    found = []
+    for module, tree in MODULES.items():
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                continue
+            first = (ast.get_docstring(node) or "").split("\n")[0]
+            verb = isinstance(node, ast.FunctionDef) and not any(
+                "property" in ast.unparse(one) for one in node.decorator_list
+            )
+            if OPENERS.match(first) or (verb and ARTICLES.match(first) and module.name not in LATER):
+                found.append((str(module.relative_to(ROOT)), first))
     assert found == []

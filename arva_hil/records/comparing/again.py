@@ -51,7 +51,7 @@ class Emulated(NamedTuple):
 
 
 def emulated_again(recording: Recording, receiver: RecordedReceiver, scenario: Scenario) -> Emulated:
-    """The readings of the scenario's receiver at the instants of the recorded frames.
+    """Return the readings of the scenario's receiver at the instants of the recorded frames.
 
     Its poses come from the packets of the record. Faults of the scenario are left out. Raises RecordingError.
     """
@@ -78,7 +78,10 @@ def emulated_again(recording: Recording, receiver: RecordedReceiver, scenario: S
 
 
 def packets(recording: Recording) -> Iterator[tuple[float, bytes]]:
-    """The packets of a record's log, each with its time from the start of the frames [s]. Raises RecordingError."""
+    """Yield the packets of a record's log, each with its time from the start of the frames [s].
+
+    Raises RecordingError.
+    """
     path = recording.folder / TLOG
     if not path.exists() or recording.log_start_s is None:
         raise RecordingError(recording.folder, f"there are no poses in it: {TLOG} is missing")

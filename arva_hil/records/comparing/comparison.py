@@ -75,7 +75,7 @@ class Comparison:
     range_m: Floats
 
     def as_json(self) -> dict[str, Any]:
-        """All but the readings themselves."""
+        """Return everything but the readings as JSON."""
         names = ("id", "frames", "both", "first_only", "second_only", "first_lost", "second_lost", "lag_s")
         plain: dict[str, Any] = {name: getattr(self, name) for name in names}
         plain["all"] = asdict(self.all) if self.all else None
@@ -105,7 +105,7 @@ def compared(
 
 
 def _ids(one: RecordedReceiver, two: RecordedReceiver) -> Iterator[tuple[int, int]]:
-    """The ids of each transmitter in both. Frames without ids are those of the nearest transmitter."""
+    """Yield the ids of each transmitter in both. Frames without ids are those of the nearest transmitter."""
     nameless = [not receiver.ids and bool((receiver.zone > 0).any()) for receiver in (one, two)]
     if any(nameless):
         first, second = (_nearest(receiver) for receiver in (one, two))
@@ -116,7 +116,7 @@ def _ids(one: RecordedReceiver, two: RecordedReceiver) -> Iterator[tuple[int, in
 
 
 def _nearest(receiver: RecordedReceiver) -> int:
-    """The transmitter that is most often in the first slot."""
+    """Return the transmitter that is most often in the first slot."""
     first = receiver.begins[:-1][receiver.zone[receiver.begins[:-1]] > 0] if len(receiver) else receiver.begins[:0]
     values, counts = np.unique(receiver.id[first], return_counts=True)
     return int(values[counts.argmax()]) if len(values) else NO_ID
@@ -170,7 +170,7 @@ def _at(columns: tuple[Any, ...], index: Any) -> tuple[Floats, Floats, NDArray[A
 
 
 def _spread(label: str, c: _Columns, here: Mask) -> Spread | None:
-    """The residuals of the readings `here`; None without any."""
+    """Return the residuals of the readings `here`; None without any."""
     here = here & np.isfinite(c.first[0]) & np.isfinite(c.second[0])
     if not here.any():
         return None
@@ -221,7 +221,7 @@ def _lost(receiver: RecordedReceiver) -> int:
 
 
 def _lag_s(c: _Columns) -> float | None:
-    """The lag of the first: the shift of the second with which log d fits best."""
+    """Return the lag of the first: the shift of the second with which log d fits best."""
     heard = np.isfinite(c.second[0])
     if heard.sum() < TOO_FEW:
         return None
@@ -243,7 +243,7 @@ def _lag_s(c: _Columns) -> float | None:
 
 
 def _misfit(residual: Floats) -> float:
-    """The sum of a robust loss, after the median is removed."""
+    """Return the sum of a robust loss, after the median is removed."""
     residual = residual - np.median(residual)
     return float(np.sqrt(1 + (residual / 0.05) ** 2).sum())
 
@@ -258,7 +258,7 @@ def _hints(one: RecordedReceiver, two: RecordedReceiver, pairs: Paired, c: _Colu
         ranges = range_m if np.isfinite(range_m).any() else np.full(len(d_m), np.inf)
         off_m = ranges[nearest] - 1.2 * d_m[nearest]
         if math.isinf(off_m):
-            hints.append(f"{name} is heard in the first, and is not in the second at all")
+            hints.append(f"{name} has a signal in the first, and none in the second")
         elif off_m > _FAR_M:
             north, east, _ = one.position[pairs.first[nearest]]
             hints.append(

@@ -38,7 +38,7 @@ class Paired(NamedTuple):
 
 
 def same_frames(count: int) -> Paired:
-    """The pairs of two receivers with the same frames."""
+    """Return the pairs of two receivers with the same frames."""
     every = np.arange(count)
     return Paired(every, every, "time", None)
 

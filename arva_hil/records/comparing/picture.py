@@ -11,7 +11,7 @@ from arva_hil.records.pictures.style import BLUE, GREY, RED, Format, figure, sav
 
 
 def drawn(comparisons: Sequence[Comparison], names: tuple[str, str], format: Format) -> bytes:
-    """A row of three pictures for each transmitter. Raises ModuleNotFoundError without matplotlib."""
+    """Draw a row of three pictures for each transmitter. Raises ModuleNotFoundError without matplotlib."""
     with styled():
         made = figure(13.0, 3.6 * max(len(comparisons), 1))
         for row, c in zip(made.subplots(max(len(comparisons), 1), 3, squeeze=False), comparisons, strict=False):
