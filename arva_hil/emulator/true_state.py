@@ -94,7 +94,7 @@ class ReportWithError:
         self._start = start
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
-        """The true state at `t` in the NED frame `frame`; `reported`: what the vehicle reports for that instant."""
+        """Return the true state at `t` in the NED frame `frame`; `reported`: the reported one of that instant."""
         later = self._session.navigation.state_at(t + self._latency_s, frame) if self._latency_s else reported
         if later is None or reported is None:
             return None

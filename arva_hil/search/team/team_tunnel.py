@@ -62,7 +62,7 @@ def encode(news: News) -> bytes:
 
 
 def parse(payload: bytes, members: int) -> News | None:
-    """The news of one of so many members, None if it is something else. `time_s`: on the clock of who sent it."""
+    """Return the news of one of `members`; None for anything else. `time_s`: on the sender's clock."""
     if len(payload) < _HEAD.size or payload[0] != VERSION:
         return None
     _, number, time_ms, lat, lon, alt, flags, hunting, cm, part, bits, found, heard = _HEAD.unpack_from(payload)
