@@ -20,7 +20,21 @@ _FILES: Final = (
     "DIR|FILE",
 )  # a URL may be a device or a file of frames
 _FOLDERS: Final = ("DIR", "RUN", "RUN2")
+_SHELLS: Final = ("bash", "zsh", "fish")
 _KINDS: Final = {"format": FORMATS, "strategy": STRATEGIES, "export_format": EXPORTS}
+
+
+def options(parser: CommandParser) -> None:
+    """Print a script that completes commands, options and file names in a shell.
+
+    bash, in ~/.bashrc:
+      eval "$(arva-hil completion bash)"
+    zsh, with ~/.zfunc in $fpath before compinit:
+      arva-hil completion zsh > ~/.zfunc/_arva-hil
+    fish:
+      arva-hil completion fish > ~/.config/fish/completions/arva-hil.fish
+    """
+    parser.add_argument("shell", choices=_SHELLS, metavar="SHELL", help="bash, zsh or fish")
 
 
 def main(options: argparse.Namespace) -> int:

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import argparse
 
+from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show, show_json
-from arva_hil.links.serial_ports import list_ports
+
+
+def options(parser: CommandParser) -> None:
+    """List the serial ports, and mark those that look like an autopilot."""
+    parser.option("--json", "print a JSON object for each port")
 
 
 def main(options: argparse.Namespace) -> int:
+    from arva_hil.links.serial_ports import list_ports
+
     ports = list_ports()
     for port in ports:
         if options.json:

@@ -6,9 +6,15 @@ import argparse
 import re
 from pathlib import Path
 
+from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show, show_json
 from arva_hil.config.profiles import PREFIX, builtin_files
+
+
+def options(parser: CommandParser) -> None:
+    """List the built-in scenarios and campaign plans. Use one with --scenario builtin:NAME."""
+    parser.option("--json", "print a JSON object for each file")
 
 
 def main(options: argparse.Namespace) -> int:

@@ -5,12 +5,9 @@ from __future__ import annotations
 import re
 
 from arva_hil.cli.arguments.shared import add_duration
-from arva_hil.cli.options import CommandParser, kind, number, whole
+from arva_hil.cli.options import CommandParser, number, whole
 from arva_hil.config.ranges import LARGEST_SEED
 from arva_hil.observers.web.address import HostPort, parse_address
-from arva_hil.registry import EXPORTS
-
-SHELLS = ("bash", "zsh", "fish")
 
 
 def check(parser: CommandParser) -> None:
@@ -22,24 +19,6 @@ def check(parser: CommandParser) -> None:
     schema = "print the JSON Schema of these files for editors instead; default: scenario"
     kinds = ("scenario", "campaign", "receiver", "transmitter")
     parser.option("--schema", schema, environment=False, const="scenario", choices=kinds)
-
-
-def scenarios(parser: CommandParser) -> None:
-    """List the built-in scenarios and campaign plans. Use one with --scenario builtin:NAME."""
-    parser.option("--json", "print a JSON object for each file")
-
-
-def completion(parser: CommandParser) -> None:
-    """Print a script that completes commands, options and file names in a shell.
-
-    bash, in ~/.bashrc:
-      eval "$(arva-hil completion bash)"
-    zsh, with ~/.zfunc in $fpath before compinit:
-      arva-hil completion zsh > ~/.zfunc/_arva-hil
-    fish:
-      arva-hil completion fish > ~/.config/fish/completions/arva-hil.fish
-    """
-    parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help="bash, zsh or fish")
 
 
 def campaign(parser: CommandParser) -> None:
@@ -58,17 +37,6 @@ def campaign(parser: CommandParser) -> None:
     parser.option("--merge DIR", "fly nothing: copy the results of these folders and write the report", nargs="+")
     parser.option("--dry-run", "list the trials, without flying or writing")
     parser.option("--json", "print a JSON object for each trial on stdout")
-
-
-def report(parser: CommandParser) -> None:
-    """Write a report of a record: one HTML page that needs no other file, and can be sent by mail.
-
-    RUN is a folder that --record has written. The page shows two records side by side, and all records of a folder
-    of records. Its pictures need matplotlib: pip install 'arva-hil[plots]'.
-    """
-    parser.add_argument("run", metavar="RUN", help="folder of a record, or a folder with records in it")
-    parser.add_argument("other", nargs="?", metavar="RUN2", help="another record, to compare")
-    parser.option("--out FILE", "the page; default: report.html in RUN; - is stdout")
 
 
 def plot(parser: CommandParser) -> None:
@@ -101,17 +69,6 @@ def compare(parser: CommandParser) -> None:
     parser.option("--seed N", "seed of the emulator's noise", whole(0, LARGEST_SEED))
     parser.option("--out FILE", "a picture of it, .png, .svg or .pdf; needs matplotlib")
     parser.option("--json", "print a JSON object for each transmitter")
-
-
-def export(parser: CommandParser) -> None:
-    """Write a record for maps, spreadsheets and other programs.
-
-    RUN is a folder that --record has written. The place found is a point, with the ellipse of 95 % probability.
-    """
-    parser.add_argument("run", metavar="RUN", help="folder of a record")
-    names = f"{', '.join(EXPORTS)}; default: the ending of FILE"
-    parser.option("--format NAME", names, kind(EXPORTS), environment=False, dest="export_format")
-    parser.option("--out FILE", "file to write, which replaces an older one; - is stdout")
 
 
 def view(parser: CommandParser) -> None:

@@ -141,11 +141,6 @@ def command(parser: CommandParser) -> None:
     parser.option("--json", "print the answer as a JSON object")
 
 
-def ports(parser: CommandParser) -> None:
-    """List the serial ports, and mark those that look like an autopilot."""
-    parser.option("--json", "print a JSON object for each port")
-
-
 home = numbers(
     "LAT,LON,ALT in degrees and m, e.g. --home=46.0,7.7,1650",
     (-90, 90),
