@@ -185,7 +185,7 @@ class _Watcher:
         self._on_event = on_event
         self._vehicles = vehicles
         self._error: BaseException | None = None
-        self._missing: dict[str, str] = {}  # vehicles that were not heard in time, and what was instead
+        self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and the traffic instead
 
     @property
     def over(self) -> bool:
@@ -201,7 +201,7 @@ class _Watcher:
                 self._error = error
 
     def finish(self, address: str = "") -> None:
-        """Raise the error that ended the run. With an `address`, raise LinkError if no vehicle was heard there."""
+        """Raise the error that ended the run. With an `address`, raise LinkError if no vehicle was found there."""
         if self._error:
             raise self._error
         if address and self.over:

@@ -1,7 +1,7 @@
 """Receiver models, wire formats, links, faults, strategies, observers and commands by name.
 
 The built-in ones are listed here, one line each, and imported when they are first used. Other packages add their own
-with entry points, which are looked up only for names that are not built in.
+with entry points, which are read only for names that are not built in.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class Registry:
     """Finds kinds by name. Remembers those that were used in `loaded`.
 
-    `what`: the word for one of them. `group`: the group of entry points of other packages. `built_in`:
+    `what`: the name for one of them. `group`: the group of entry points of other packages. `built_in`:
     `module:attribute` by name; other packages cannot replace these. `requires`: attributes that each kind must have;
     one of two as "new or old". `references`: whether `module:attribute` is a valid name too. `attributes`: attributes
     that each object of a class must have; to check them, an object is made with the arguments `made_with`. Iterating
@@ -130,7 +130,7 @@ class Registry:
         """Return the reason why `thing` cannot be used as such a kind; "" if it can."""
         missing = [name for name in self.requires if not any(_has(thing, one) for one in name.split(" or "))]
         if self.attributes and not missing:
-            import inspect  # slow to load, and only a class is looked into
+            import inspect  # slow to load, and needed for classes only
 
             needed = [one for name in self.requires for one in name.split(" or ") if hasattr(thing, one)]
             if never := [name for name in needed if inspect.iscoroutinefunction(getattr(thing, name))]:

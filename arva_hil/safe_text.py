@@ -60,7 +60,7 @@ _MOST: Final = 2  # an indent takes at most half of the columns
 def wrapped(line: str, columns: int | None, further: int = _FURTHER) -> str:
     """Break a line between words for a terminal. `columns`: None without a terminal, the line stays as it is.
 
-    Rows behind the first are indented by `further`, or by less on a narrow terminal. A word that is longer than a row,
+    Rows behind the first are indented by `further`, or by less on a narrow terminal. A part that is longer than a row,
     such as a path, stays whole, so that it can be copied.
     """
     if columns is None or len(line) <= columns:

@@ -150,7 +150,7 @@ class Bench:
         return self._port.serial(timeout, self._wait, **options)
 
     def unplug(self) -> None:
-        """Pull the receiver's plug out. Frames are made, and nobody gets them."""
+        """Pull the receiver's plug out. Frames are made, and dropped."""
         with self._lock:
             self._port.unplug()
 

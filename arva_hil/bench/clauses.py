@@ -26,7 +26,7 @@ class Line(NamedTuple):
     id: int
     zone: int | None
     d_cm: int
-    """0 if nothing is heard."""
+    """0 without a signal."""
     delta_deg: int | None
 
 

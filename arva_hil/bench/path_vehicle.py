@@ -36,8 +36,8 @@ class PathPoint(NamedTuple):
 class PathVehicle:
     """A vehicle on a path, and the time of its next sample.
 
-    Between two points the vehicle flies straight on and turns the shorter way; before the first and after the last
-    point it hovers.
+    Between two points the vehicle flies straight on, and turns in the direction of the smaller angle. Before the first
+    and after the last point it hovers.
 
     - `home`: degrees, degrees, metres above mean sea level.
     - `boot_time`: the vehicle is switched on then, and sends its home.

@@ -102,7 +102,7 @@ class BenchPort:
             return b""
 
     def write(self, data: bytes) -> bool:
-        """Send bytes. Returns False if the port is unplugged or nobody takes them."""
+        """Send bytes. Returns False if the port is unplugged or no program reads it."""
         try:
             accepted = self.link is not None and self.link.write(data)
         except LinkError:

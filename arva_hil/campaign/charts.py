@@ -25,7 +25,7 @@ _STYLE: Final = {
 }
 _SIZE: Final = (6.2, 3.9)
 _BANDS: Final = 6  # of a number that has many values, with as many runs in each
-_VALUES: Final = 12  # no more of them are shown one by one
+_VALUES: Final = 12  # draw at most so many one by one
 _NUMBERS: Final = {
     "distance_m": "distance from take-off to the transmitter, m",
     "take_off_m": "take-off height, m",

@@ -136,7 +136,7 @@ class Results:
             raise ResultsError(f"{self.path}: format {version} of another arva-hil, not {_FORMAT}: {_ELSEWHERE}")
         if (mistake := ask("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
             raise sqlite3.DatabaseError(mistake)
-        ask(f"PRAGMA user_version = {_FORMAT}")  # shows now whether the file may be written
+        ask(f"PRAGMA user_version = {_FORMAT}")  # raises now if the file cannot be written
         rows = [TrialRow(*values) for values in ask(f"SELECT {', '.join(_COLUMNS)} FROM results ORDER BY rowid")]
         ask("COMMIT")
         return {one.key: one for one in rows}

@@ -155,7 +155,7 @@ def _say(line: str) -> None:
 
 
 class _Progress:
-    """Shows on stderr how many trials are `done`: a bar on a terminal, a line every few seconds elsewhere."""
+    """A display on stderr of how many trials are `done`: a bar on a terminal, a line every few seconds elsewhere."""
 
     def __init__(self, total: int, done: int) -> None:
         self.done = self._before = done
@@ -166,7 +166,7 @@ class _Progress:
         self._bar = bar(total, " trials", done=done, shown=self._live)
 
     def show(self) -> None:
-        """Show the progress if it is time for it. Called often."""
+        """Print the progress if it is time for it. Called often."""
         if self._clock.now() < self._next:
             return
         self._next = self._clock.now() + (_LIVE_S if self._live else _PLAIN_S)

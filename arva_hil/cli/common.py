@@ -131,8 +131,8 @@ class Run:
     """One run without its loop: signal handlers, printer, lines on stdout and recorder.
 
     A context manager: from when it is made signals go to the loop, so that `drive` can close what was begun.
-    `patient`: a replay, which waits for a slow disk or terminal, and shows a progress bar instead of a status.
-    `lines`: print a line for each frame on stdout, if there is no --json. `live`: show a live status on a terminal.
+    `patient`: a replay, which waits for a slow disk or terminal, and prints a progress bar instead of a status.
+    `lines`: print a line for each frame on stdout, if there is no --json. `live`: print a live status on a terminal.
     `record_links`: the engine's names of the autopilots' links, if there are several. `kind`: of the run, for the page.
     The loop ends when `stopped()` is true.
     """
@@ -172,14 +172,14 @@ class Run:
             self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
             if self.page:
                 stack.callback(self.page.close, self._how)
-            if options.record:  # at last: a run that cannot begin leaves no record
+            if options.record:  # last, so that a run that cannot begin leaves no record
                 self._recorder = Recorder(
                     Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout
                 )
             stack.pop_all()  # all is there: `drive` and `__exit__` close it
         every: tuple[Observer | None, ...] = (self.printer, self._lines, self._recorder, self.page)
         self.observers: list[Observer] = [self, *filter(None, every), *self._plug_ins]
-        self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and what was heard instead
+        self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and the traffic instead
         for line in describe(chosen):
             self.printer.say(line)
         if self._recorder:

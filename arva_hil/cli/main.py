@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _guarded(arguments: list[str]) -> int:
     """Run one command; returns an exit code for every error."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # do not fail on a terminal that cannot show °
+        sys.stdout.reconfigure(errors="backslashreplace")  # do not fail on a terminal without °
     try:
         run = _command(arguments)  # a signal ends the process at once, see __main__.py
         with outcome.interrupting():

@@ -53,7 +53,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=_formatter, allow_abbrev=False, **kwargs)
-        self._usual: Sequence[str] = ()  # the flags that --help shows; all without groups
+        self._usual: Sequence[str] = ()  # the flags that --help lists; all without groups
         self._group: argparse._ActionsContainer = self
         self._environment: dict[str, argparse.Action] = {}
         self.typed_only: list[str] = []  # flags without an environment variable
@@ -71,12 +71,15 @@ class CommandParser(argparse.ArgumentParser):
         environment: bool = True,
         **more: Any,
     ) -> None:
-        """Add an option. `names`: its flags and the word for its value, e.g. "--rate HZ"; without a word it is a flag.
+        """Add an option.
 
-        `convert`: makes the value of a text; ValueError or ArvaError say what is wrong with it. A default that is a
-        number or a word is added to the help, if that does not tell it. `environment`: whether there is a variable too;
-        a forgotten variable cannot set an option without one. `const`: the value of the option alone. `more`: see
-        `add_argument`.
+        Args:
+            names: its flags and the name of its value, e.g. "--rate HZ"; without a name it is a flag.
+            help: its meaning. A default that is a number or a name is added, if the help does not have one.
+            convert: makes the value of a text. ValueError or ArvaError report a wrong text.
+            default: its value if it is not given.
+            environment: False if no variable may set the option.
+            more: see `add_argument`; `const` is the value of the flag alone.
         """
         words = names.split()
         flags = [word for word in words if word.startswith("-")]

@@ -91,7 +91,7 @@ class SignalGuard(_FirstSignal):
 
     A further signal is ignored. If the loop is stuck, it raises KeyboardInterrupt there, unless `ending` is set.
     What follows a guard inside `interrupting` puts things away, and signals do not raise KeyboardInterrupt there
-    either, unless it is stuck. A guard around this one is told the signals too.
+    either, unless it is stuck. A guard around this one gets the signals too.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""`arva-hil range-test`: how far the scenario's receivers hear its first transmitter."""
+"""`arva-hil range-test`: measures the range of the scenario's receivers."""
 
 from __future__ import annotations
 

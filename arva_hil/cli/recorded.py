@@ -14,7 +14,7 @@ from arva_hil.records.reading import Recording, load
 
 
 def loaded(folder: str) -> Recording:
-    """Return the record in a folder, its notes told. Raises UsageError and RecordingError."""
+    """Load the record in a folder, and print its notes. Raises UsageError and RecordingError."""
     if not folder:
         raise UsageError("the record's name is empty: write the folder that --record has written")
     recording = load(Path(folder))

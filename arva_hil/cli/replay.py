@@ -89,7 +89,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:
-    """Return the vehicles in the log. Raises UsageError if the scenario's cannot be told apart there."""
+    """Return the vehicles in the log. Raises UsageError if the scenario's have the same ids."""
     if chosen.vehicles:
         from arva_hil.cli.run_links import refuse_own  # with all kinds of links, which a replay does not need
 

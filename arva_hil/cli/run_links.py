@@ -176,8 +176,8 @@ def next_command(
 ) -> str:
     """Return the `run` command with the same options, where `right` replaces the wrong ones.
 
-    `autopilot`: the address that was heard. `usb_ports`: where frames may go if no port was named. `right`: right
-    values by the option's name; a word in capitals if the value is not known, None to leave the option out.
+    `autopilot`: the address of the autopilot. `usb_ports`: where frames may go if no port was named. `right`: right
+    values by the option's name; a name in capitals if the value is not known, None to leave the option out.
     """
     words: dict[str, str | None] = {"autopilot": autopilot}
     if over_mavlink(options.format):

@@ -141,7 +141,7 @@ def _searchers(
     clock: RealClock,
     stack: ExitStack,
 ) -> list[Searcher]:
-    """Open the links, each autopilot's once. An autopilot is looked for until one of its searches has launched."""
+    """Open the links, each autopilot's once. A lost link is reopened until one of its searches has launched."""
     searchers: list[Searcher] = []
 
     def opened(url: str, *, autopilot: bool) -> Link:
@@ -192,7 +192,7 @@ def _teller(one: Searcher, printer: Printer, watchers: Sequence[Observer]) -> Ca
 
 @dataclass
 class _Named:
-    """Tells a person and `watchers` the events of a search with the name of its vehicle."""
+    """Gives a person and `watchers` the events of a search with the name of its vehicle."""
 
     name: str
     printer: Printer

@@ -156,7 +156,7 @@ _MOST: int = 256  # bytes of an answer
 
 
 class TerminalQuestion:
-    """Reads a line typed at a terminal, without waiting for it. `say` shows the question.
+    """Reads a line typed at a terminal, without waiting for it. `say` prints the question.
 
     A program in the background does not read, because the terminal would stop it.
     """

@@ -1,4 +1,4 @@
-"""`arva-hil view`: shows a record on the page until it is stopped."""
+"""`arva-hil view`: serves a record as the page until it is stopped."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def page_of_run(
 ) -> WebPage | None:
     """Return the page of a run with a scenario, None if none is wanted. Raises WebError if it cannot be served.
 
-    `say` is told its address. `named`: there are several receivers.
+    `say` is called with its address. `named`: there are several receivers.
     """
     rate_hz = getattr(options, "stream_rate", None)
     datum = chosen.datum if not isinstance(chosen.datum, str) else None
@@ -112,7 +112,7 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
 
 
 def close_all(observers: Sequence[Observer], notice: Callable[[Notice], None]) -> None:
-    """Close those that can be closed; `notice` is told what fails."""
+    """Close those that can be closed; `notice` is called for each failure."""
     for observer in observers:
         try:
             getattr(observer, "close", lambda: None)()

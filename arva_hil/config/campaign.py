@@ -244,6 +244,6 @@ def parse_plan(text: str, source: str) -> CampaignPlan:
 
 
 def is_plan(text: str) -> bool:
-    """Return True if a text looks like a plan and not like a scenario."""
+    """Return True if a text has the keys of a plan and not of a scenario."""
     names = keys_in(text)
     return "transmitters" not in names and bool(names & {"strategies", "scenarios"})

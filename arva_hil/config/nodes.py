@@ -1,6 +1,6 @@
 """The values of a file, which know where they stand in it. Importing this does not import yaml.
 
-Scalars keep the text as written, so `off` is a word and `1e3` a number, whatever YAML 1.1 says.
+Scalars keep the text as written, so `off` is a string and `1e3` a number, whatever YAML 1.1 says.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ _TABLES: Final[Mapping[str, Any]] = {"receiver": ReceiverProfile, "transmitter":
 
 
 def profile_kind(text: str) -> str | None:
-    """Return the kind of profile that a text looks like; None if it looks like none, or like a scenario."""
+    """Return the kind of profile of a text, by its keys; None for a scenario and anything else."""
     from arva_hil.config.reading import keys_in  # slow to import
 
     names = keys_in(text)
@@ -77,7 +77,7 @@ def profile_kind(text: str) -> str | None:
 def take_over(entry: Any, of: str) -> None:
     """Give a receiver or a transmitter of a file the keys of its profile that it has not of its own.
 
-    A profile is looked for beside the file. Raises ScenarioError with the problems of the profile.
+    The path of a profile is relative to the file. Raises ScenarioError with the problems of the profile.
     """
     if not isinstance(entry, nodes.Mapping) or not isinstance(name := entry.get("profile"), nodes.Scalar):
         return

@@ -161,7 +161,7 @@ def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_F
         raise ScenarioError([Problem("''", 1, 1, "an empty name", what)])
     try:
         with open(source, "rb", opener=open_at_once) as file:
-            if file.isatty():  # which would wait for somebody to type
+            if file.isatty():  # which would wait for typed text
                 raise ValueError("a terminal")
             data = file.read(largest + 1)
     except (OSError, ValueError) as error:
@@ -190,7 +190,7 @@ def near_file(path: str) -> str | None:
 
 
 def open_at_once(path: str, flags: int) -> int:
-    """Opens a pipe that nobody writes to without waiting: it is empty."""
+    """Opens a pipe without a writer, and does not wait: it is empty."""
     file = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
     if hasattr(os, "O_NONBLOCK"):
         os.set_blocking(file, True)
@@ -265,7 +265,7 @@ def _spec(problems: Problems, root: yaml.Node, newest: int) -> int:
         return 1
     spec = whole(Scalar(node))
     if spec is not None and spec > newest:
-        problems.found.clear()  # what looks wrong may be right in that version
+        problems.found.clear()  # other problems may be none in that version
         found = f"spec {spec} is newer than this program reads ({newest}): upgrade arva-hil"
         problems.fail(node.start_mark, found, f"spec {newest}")
     return newest if spec is None or spec < 1 else spec

@@ -1,6 +1,6 @@
 """The scenario file: where the transmitters are and what the receivers are like, typed, frozen and validated.
 
-The file is YAML; `configs/default.yaml` shows every key with its default. Units are those of the file:
+The file is YAML; `configs/default.yaml` has every key with its default. Units are those of the file:
 metres, degrees, seconds, hertz. World frame NED, body frame FRD.
 """
 

@@ -187,7 +187,7 @@ class Transmitter(Table, one_of="enu ned lla path follows"):
     """A buried transmitter.
 
     Its place is given by one of `ned` (metres from the datum), `lla`, `path` and `follows`; the others are None. `enu`
-    is another way to give `ned`.
+    is an alternative to `ned`.
 
     - `attitude`: roll, pitch, yaw in degrees, FRD → NED; the dipole is the x axis.
     - `strength`: κ‖m‖ relative to the reference transmitter.

@@ -79,7 +79,7 @@ class ReceiverConfig(Table):
 
     `port`: the link of its frames; None: the autopilot's link. `output_format`: the format of the frames.
 
-    Raises ValueError for a format that needs a port and has none, or the other way round.
+    Raises ValueError for a format that needs a port and has none, or has one without need.
     """
 
     name: str = key(_NAME)

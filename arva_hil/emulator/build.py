@@ -30,7 +30,7 @@ from arva_hil.model.field.vehicle_noise import VehicleNoise
 from arva_hil.model.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
 
-# EN 282: a field of 80 nA/m has to be heard, 4.7 dB above the noise
+# EN 282: a field of 80 nA/m must be received, 4.7 dB above the noise
 _NORM_NA_M: Final = {"threshold_na_m": 80.0, "noise_na_m": 46.0}
 
 _KEYING: Final = config.KeyingOptions()  # of a transmitter without any

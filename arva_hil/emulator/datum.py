@@ -18,10 +18,10 @@ from arva_hil.model.field import LocalFrame
 HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position is used instead
 _FAR_M: Final = 1000.0  # if every transmitter is farther away, something is wrong
 
-MOVE_DATUM: Final = frozenset(  # messages after which to look again
+MOVE_DATUM: Final = frozenset(  # messages between two checks
     {dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_HOME_POSITION, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT}
 )
-_SAME_PLACE_M: Final = 100.0  # nothing is heard at this distance
+_SAME_PLACE_M: Final = 100.0  # no signal at this distance
 _ARMING_S: Final = 2.0
 
 
@@ -97,7 +97,7 @@ class Datum:
         return changed
 
     def check_distance(self, made: FrameMade) -> list[Event]:
-        """Return an event if a receiver is too far from all transmitters to hear one: once for each place."""
+        """Return an event if a receiver is too far from all transmitters to receive one: once for each place."""
         nearest = made.reading.channels[0]
         away_m = nearest.true_range_m or 0.0
         if made.pose is None or self._far_said or nearest.id is not None or away_m <= _FAR_M:

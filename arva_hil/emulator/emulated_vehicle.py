@@ -83,7 +83,7 @@ class EmulatedVehicle:
         for receiver, port in self.units:
             sent: list[Parcel] = []
             while (t := receiver.next_due) <= now and (final or now - t >= look_ahead_s or self.world.is_known(t)):
-                if seen is None or seen.t != t:  # several receivers look at once
+                if seen is None or seen.t != t:  # several receivers take a sample at once
                     seen = self.world.at(t)
                 for event in receiver.advance(seen, t if look_ahead_s else now):
                     if isinstance(event, FrameMade):

@@ -52,7 +52,7 @@ class FollowedSystem:
         return self._navigation.is_known(t)
 
     def check(self, now: float) -> list[Event]:
-        """Return an event if it has become silent, or is heard again."""
+        """Return an event if it has become silent, or sends again."""
         silent = now - self._heard_at > _SILENT_S
         if silent == self._silent:
             return []

@@ -94,7 +94,7 @@ class HostCommands:
         self._flood += max(0, len(data) - _MOST_BYTES)
 
     def advance(self, now: float) -> list[Event]:
-        """Execute the commands that were heard. The receiver must have looked until `now`. Returns the events."""
+        """Execute the commands received. The receiver must have taken its samples until `now`. Returns the events."""
         self._commands += self._decoder.feed(b"", now)
         self.counters.bytes_dropped = self._decoder.dropped + self._flood
         if not self._commands:

@@ -78,7 +78,7 @@ class Port:
     """Remembers what was sent, and what waits because of faults or commands.
 
     `vehicle`, `name`: names for events. `link`: to which the bytes go. `encode`: the bytes of a frame at an instant of
-    the vehicle's clock [ms]; b"" if nobody can get them.
+    the vehicle's clock [ms]; b"" without a receiver of them.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""One receiver on its vehicle: the times of its looks and frames, and the reading of each frame."""
+"""One receiver on its vehicle: the times of its samples and frames, and the reading of each frame."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from firmware_proto.commands import RESTART
 
 _WORST_BACKLOG_S: Final = 1.0  # frames later than this are skipped, not sent in a burst
 _BLIND_S: Final = 8.0  # with a vehicle but without a pose, until there is an event
-_START_S: Final = math.nextafter(0.0, -1.0)  # no look is earlier than the run
+_START_S: Final = math.nextafter(0.0, -1.0)  # no sample is earlier than the run
 
 
 class Schedule:
@@ -105,7 +105,7 @@ class Mounting:
 
 
 class Seen(NamedTuple):
-    """The newest look of a receiver."""
+    """The newest sample of a receiver."""
 
     time_s: float
     """From the start of the run."""
@@ -118,12 +118,12 @@ class Seen(NamedTuple):
 
 
 class EmulatedReceiver:
-    """One receiver: its model, its schedule and its newest look. Times are seconds on the driver's clock.
+    """One receiver: its model, its schedule and its newest sample. Times are seconds on the driver's clock.
 
     - `vehicle`, `name`: names for events.
     - `start`: of the run. `first`: the time of the first frame.
     - `schedule`: of the frames; None: those of the scenario.
-    - `next_due`: the time of the next look or frame.
+    - `next_due`: the time of the next sample or frame.
     """
 
     def __init__(
@@ -150,7 +150,7 @@ class EmulatedReceiver:
         self._plan()
 
     def advance(self, seen: Snapshot, now: float) -> list[Event]:
-        """Look, or make a frame, at the instant `next_due`. `seen`: the vehicle at that instant.
+        """Take a sample, or make a frame, at the instant `next_due`. `seen`: the vehicle at that instant.
 
         Returns the events; the frame, if there is one, is the last of them. In a live run `now` is later than the
         instant: the frame is late, and those that are too late are skipped.
@@ -179,7 +179,7 @@ class EmulatedReceiver:
         return answer
 
     def _plan(self, not_before: float = -math.inf) -> None:
-        """Set the time of the next look. Looks before `not_before` are left out.
+        """Set the time of the next sample. Samples before `not_before` are left out.
 
         Raises ValueError if the model gives a time in the past.
         """
@@ -196,7 +196,7 @@ class EmulatedReceiver:
         self.next_due = min(self._next_look, deadline)
 
     def _look(self, seen: Snapshot) -> bool:
-        """Look at the vehicle's surroundings. Returns True if the model wants a frame at once."""
+        """Take a sample of the vehicle's surroundings. Returns True if the model wants a frame at once."""
         time_s = self._next_look_s
         pose = reported_pose = self._mounting.pose(seen.pose, time_s, swings=True)
         if seen.reported is not seen.pose:

@@ -114,7 +114,7 @@ class FollowedSystemSilent(Event):
 
 
 class FollowedSystemHeard(Event):
-    """The pose of the system is heard. Transmitters follow it from here on."""
+    """The system sends its pose. Transmitters follow it from here on."""
 
     system: int
 
@@ -140,7 +140,7 @@ class FrameMade(ReceiverEvent):
     age_s: float | None  # of the pose
     reading: Reading
     frame: Frame
-    sent: bool  # False: nobody read it, or a fault held it back
+    sent: bool  # False: no program read it, or a fault held it back
     late_s: float  # how long after its instant it was made
     faults: tuple[str, ...] = ()  # that changed it
     reported_pose: Pose | None = None  # None: no report, or one too old
@@ -171,7 +171,7 @@ class CommandReceived(ReceiverEvent):
 
 
 class CommandAnswered(ReceiverEvent):
-    """The answer to a command. `result`: "done", "refused", "unknown" or "busy"; `sent`: somebody took it."""
+    """The answer to a command. `result`: "done", "refused", "unknown" or "busy"; `sent`: a program took it."""
 
     number: int
     name: str
@@ -182,7 +182,7 @@ class CommandAnswered(ReceiverEvent):
 
 
 class FramesRefused(ReceiverEvent):
-    """Nobody takes the frames. They are dropped until somebody reads them."""
+    """No program takes the frames. They are dropped until one reads them."""
 
 
 class FramesLate(ReceiverEvent):
@@ -192,7 +192,7 @@ class FramesLate(ReceiverEvent):
 
 
 class FramesTaken(ReceiverEvent):
-    """Somebody takes the frames again. `dropped`: how many were dropped so far."""
+    """A program takes the frames again. `dropped`: how many were dropped so far."""
 
     dropped: int
 
@@ -255,11 +255,11 @@ class GroundMissing(VehicleEvent):
 
 
 class GroundFound(VehicleEvent):
-    """The autopilot has told the height of the ground at every transmitter with a depth."""
+    """The autopilot has sent the height of the ground at every transmitter with a depth."""
 
 
 class MotorsSilent(VehicleEvent):
-    """The vehicle does not report the load of its motors, whose noise the receiver hears. It stays at `load`, 0…1."""
+    """The vehicle does not report the load of its motors, whose noise the receiver gets. It stays at `load`, 0…1."""
 
     load: float
 
@@ -269,7 +269,7 @@ class MotorsHeard(VehicleEvent):
 
 
 class HeartbeatMissing(VehicleEvent):
-    """No autopilot was heard in time. `heard`: what was heard instead."""
+    """No autopilot was found in time. `heard`: the traffic instead."""
 
     heard: NoVehicle
 
@@ -301,7 +301,7 @@ class ReceiverStatus:
 
     - `frames`: the number of frames to send. `dropped`: the number of frames that no reader took.
     - `last`: the newest frame; None before the first.
-    - `transmitters`: at the receiver's newest look, NED from the vehicle's datum; None before the first look.
+    - `transmitters`: at the receiver's newest sample, NED from the vehicle's datum; None before the first one.
     """
 
     name: str

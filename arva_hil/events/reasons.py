@@ -22,7 +22,7 @@ class Why(Enum):
     FOUND = auto()
     NOT_SURE = auto()
     TIME_UP = auto()  # limit_s; found, wanted, more: numbers of transmitters
-    STRIPS_FLOWN = auto()  # heard, twice, team: booleans; found, wanted, more
+    STRIPS_FLOWN = auto()  # `heard`, `twice`, `team`: booleans; found, wanted, more
     ON_THE_GROUND = auto()
     SENSORS_DISAGREE = auto()  # pairs: of (source, m, source, m)
     TOO_LOW = auto()  # metres
@@ -35,7 +35,7 @@ class Why(Enum):
     INTERRUPTED = auto()
     NO_END = auto()
     ERROR = auto()  # text: of the error
-    NO_AUTOPILOT = auto()  # heard: a NoVehicle
+    NO_AUTOPILOT = auto()  # `heard`: a NoVehicle
     MODE_SET_BY_PROGRAM = auto()
     ARMED_ALREADY = auto()
     RECEIVER_AWAY = auto()  # text: of the link
@@ -97,7 +97,7 @@ class Why(Enum):
 
 @dataclass(frozen=True)
 class Reason:
-    """A reason without words: its kind, and the values of that kind by name."""
+    """A reason without its text: its kind, and the values of that kind by name."""
 
     why: Why
     values: Mapping[str, Any] = field(default_factory=dict)

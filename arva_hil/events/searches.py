@@ -158,7 +158,7 @@ class SearchEnded(SearchEvent):
 
 
 class SearchInterrupted(SearchEvent):
-    """Somebody has interrupted the search. `phase`: of the flight, e.g. "flying"."""
+    """The search was interrupted. `phase`: of the flight, e.g. "flying"."""
 
     phase: str
 
@@ -200,7 +200,7 @@ class ReceiverGone(SearchEvent):
 
 
 class OwnMarkHeard(SearchEvent):
-    """The search's own ADSB_VEHICLE came in on the autopilot's link: somebody forwards it to the autopilot."""
+    """The search's own ADSB_VEHICLE came in on the autopilot's link: a program forwards it to the autopilot."""
 
 
 class TakeOffPoint(SearchEvent):
@@ -230,7 +230,10 @@ class TransmitterEvent(SearchEvent):
 
 
 class TransmitterHeard(TransmitterEvent):
-    """A transmitter is heard for the first time, in the distance `distance_m`; `north_m`, `east_m`: the receiver's."""
+    """A transmitter is received for the first time.
+
+    `distance_m`: its reading. `north_m`, `east_m`: the place of the receiver.
+    """
 
     distance_m: float
     north_m: float
@@ -253,7 +256,7 @@ class TransmitterFaded(TransmitterEvent):
 
 
 class TransmitterLeft(TransmitterEvent):
-    """The search flies to the transmitter no more: another one has found it, or has it. It looks for others."""
+    """The search flies to the transmitter no more: another search has found it, or flies to it."""
 
 
 class BeliefChanged(TransmitterEvent):
@@ -270,7 +273,7 @@ class BeliefChanged(TransmitterEvent):
 
 
 class PlaceFound(TransmitterEvent):
-    """The search ends above this place, or notes it. `covariance`: as above. `sure`: the readings agree with it."""
+    """The search ends above this place, or records it. `covariance`: as above. `sure`: the readings agree with it."""
 
     north_m: float
     east_m: float
@@ -279,7 +282,7 @@ class PlaceFound(TransmitterEvent):
 
 
 class VictimNoted(TransmitterEvent):
-    """A search for several transmitters has noted one, the `number`-th of `wanted` (None: of all).
+    """A search for several transmitters has recorded one, the `number`-th of `wanted` (None: of all).
 
     - `marked`: by the receiver.
     - `left`: the number of other transmitters received; None if frames carry no ids.
@@ -304,7 +307,7 @@ class VictimAgain(TransmitterEvent):
 
 
 class PlaceDoubted(TransmitterEvent):
-    """The readings do not agree with this place, which is looked for once more."""
+    """The readings do not agree with this place. The search visits it once more."""
 
     north_m: float
     east_m: float
@@ -318,7 +321,7 @@ class ReceiverKnown(SearchEvent):
 
 
 class MarksNotTaken(SearchEvent):
-    """The receiver marks nobody, so that victims are only recorded. `answer`: its answer, or "no answer"."""
+    """The receiver marks no transmitter, so victims are only recorded. `answer`: its answer, or "no answer"."""
 
     answer: str
 
@@ -344,11 +347,11 @@ class SetPointsNotFollowed(SearchEvent):
     """The vehicle hardly moves, and is ordered to fly sideways once."""
 
     seconds: float
-    """The time of the orders."""
+    """The duration of the commands [s]."""
     ordered_m: float
-    """The way ordered in that time."""
+    """The distance commanded in that time [m]."""
     flown_m: float
-    """The way flown."""
+    """The distance flown in that time [m]."""
 
 
 class SensorsDisagree(SearchEvent):

@@ -6,10 +6,10 @@ from arva_hil.events.searches import SearchEvent
 
 
 class TeammateLost(SearchEvent):
-    """Another search of the team was not heard for 5 s while its vehicle was in the air, or does not know where it is.
+    """Another search of the team was silent for 5 s with its vehicle in the air, or does not know its place.
 
-    `number`: of its vehicle in the scenario, from 1. From here on, until it is heard, this search keeps `apart_m` off
-    the place where it was, at every height: `north_m`, `east_m` of the own take-off point.
+    `number`: of its vehicle in the scenario, from 1. Until it sends again, this search keeps `apart_m` off its last
+    place, `north_m`, `east_m` of the own take-off point, at every height.
     """
 
     number: int
@@ -19,6 +19,6 @@ class TeammateLost(SearchEvent):
 
 
 class TeammateBack(SearchEvent):
-    """A search of the team that was lost is heard again, or its vehicle is on the ground. `number`: of its vehicle."""
+    """A lost search of the team sends again, or its vehicle is on the ground. `number`: of its vehicle."""
 
     number: int

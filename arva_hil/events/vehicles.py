@@ -29,7 +29,7 @@ class VehicleLost(VehicleEvent):
 
 
 class VehicleBack(VehicleEvent):
-    """The lost vehicle is heard again."""
+    """The lost vehicle sends heartbeats again."""
 
     label: str
 

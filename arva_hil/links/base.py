@@ -49,7 +49,7 @@ class Link(ABC):
     a link or raises LinkError. `reopened`: a lost link of this kind should be opened again.
 
     `name`: the connection string for a person. `dropped`: the number of writes that were dropped because the far end
-    does not read. `refusals`: how often the far machine reported that nobody listens there. `strangers`: the number
+    does not read. `refusals`: how often the far machine reported that no program listens there. `strangers`: the number
     of reads from other senders than the peer; `stranger`: the address of the first of them.
 
     Some kinds survive the loss of their far end. `losses`: how often it was lost; `why`: the message of the last
@@ -127,7 +127,7 @@ class Link(ABC):
 
 
 class SeveralSenders(Link):
-    """A link on which several senders may be heard. Remembers the `peer`, the one that `follow` has set."""
+    """A link with several senders. Remembers the `peer`, the one that `follow` has set."""
 
     peer: Any = None
     _others: Collection[Any] | None = None  # receivers of writes while there is no peer; None: every sender
@@ -175,7 +175,7 @@ class StreamLink(Link):
     """
 
     hint = ""  # the cure when this kind of link is lost
-    drained_below = 0  # a chunk of fewer bytes was the last there was; 0: that cannot be told
+    drained_below = 0  # a shorter chunk was the last one; 0: unknown
 
     def __init__(self, name: str) -> None:
         self.name = name

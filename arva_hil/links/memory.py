@@ -48,7 +48,7 @@ class MemoryLink(Link):
 
 
 def pair(capacity: int | None = None) -> tuple[MemoryLink, MemoryLink]:
-    """Return two connected links. `capacity` [bytes each way]: a write that does not fit is dropped; None: no limit."""
+    """Return two connected links. `capacity`: bytes in each direction; a longer write is dropped."""
     a, b = MemoryLink("memory:a", capacity), MemoryLink("memory:b", capacity)
     a._far, b._far = b, a
     return a, b

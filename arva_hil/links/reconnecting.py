@@ -32,10 +32,12 @@ def on_a_thread(job: Job) -> None:
 class ReconnectingLink(Link):
     """Wraps a link that may be lost. While it is away, reads return b"", and writes are dropped and counted.
 
-    `link`: an open link, or the error of one that is not there yet, which does not count as a loss.
-    `opener` opens it again; `start` runs it on a thread, because it may block. After a LinkError or OSError it is
-    tried again; a Barred error sets `why`. `read` and `write` raise its other errors. `sought`: what is looked for,
-    for a person. `wanted` is called at a loss: if it returns False, the loss is raised and the link stays closed.
+    - `link`: an open link, or the error of one that is not there yet, which does not count as a loss.
+    - `opener`: opens it again. After a LinkError or OSError it is called again; a Barred error sets `why`. `read` and
+      `write` raise its other errors.
+    - `start`: runs `opener` on a thread, because it may block.
+    - `sought`: the name of the link in messages.
+    - `wanted`: called at a loss. If it returns False, the loss is raised and the link stays closed.
     """
 
     def __init__(
@@ -169,7 +171,7 @@ class ReconnectingLink(Link):
             settle = partial(attempt.set_result, self._opener())
         except Exception as error:
             settle = partial(attempt.set_exception, error)
-        with contextlib.suppress(OSError):  # it is closed if nobody waits
+        with contextlib.suppress(OSError):  # it is closed if no caller waits
             self._wake.send(b"!")
         settle()
 
@@ -190,7 +192,7 @@ def open_reconnecting(
 ) -> Link:
     """Open a link that is opened again after each loss if `wanted()` is true. Raises the errors of `open_link`.
 
-    `patient`: if the link is not there yet, wait for it instead of raising Absent. A serial port is looked for by its
+    `patient`: if the link is not there yet, wait for it instead of raising Absent. A serial port is found by its
     stable name. Kinds without `reopened` are returned as they are: a server waits for its next client by itself, and
     a log or a pipe cannot return.
     """

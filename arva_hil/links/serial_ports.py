@@ -1,4 +1,4 @@
-"""Serial ports: lists them, finds those that look like an autopilot, and opens a lost one again."""
+"""Serial ports: lists them, finds those of autopilots, and opens a lost one again."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def list_ports() -> list[SerialPort]:
 
 
 def find_autopilot(ports: Iterable[SerialPort], exclude: Collection[str] = ()) -> list[SerialPort]:
-    """Return the ports that look like an autopilot. If a board has several interfaces, only the first.
+    """Return the ports of autopilots, by their USB descriptions. If a board has several interfaces, only the first.
 
     `exclude`: ports that are used for something else, as devices, stable names or symlinks.
     """

@@ -12,7 +12,7 @@ _MOST: Final = 1 << 18  # bytes that wait for a user; one that takes none loses 
 
 
 class SharedLink:
-    """Remembers the link and its users. Whoever opened the link closes it."""
+    """Remembers the link and its users. The opener of the link closes it."""
 
     def __init__(self, link: Link) -> None:
         self.link = link

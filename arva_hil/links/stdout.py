@@ -20,7 +20,7 @@ _ASK_S: Final = 0.1  # time between calls of `give_up`
 
 
 class ReaderGone(LinkError):
-    """Nobody reads the pipe any more. The program should end, but this is not a fault."""
+    """No program reads the pipe any more. The program should end, but this is not a fault."""
 
 
 class StdoutLink(Link):

@@ -42,8 +42,8 @@ class SocketLink(StreamLink):
 class TcpLink(SocketLink):
     """A client. Opening waits for `timeout` seconds at most; later calls do not wait.
 
-    Raises LinkError if nobody listens or answers there, if the far end closes, or if it acknowledges nothing for 10 s
-    (5 s if `answered`), e.g. because its cable is out or it does not read any more.
+    Raises LinkError if no program listens or answers there, if the far end closes, or if it acknowledges nothing for
+    10 s (5 s if `answered`), e.g. because its cable is out or it does not read any more.
     """
 
     reopened = True
@@ -57,7 +57,7 @@ class TcpLink(SocketLink):
         self.hint = f"is {'the autopilot' if answered else 'the program that listens there'} running?"
         try:
             sock = socket.create_connection((host, port), timeout)
-            if sock.getsockname() == sock.getpeername():  # nobody listens there, and it is connected to itself
+            if sock.getsockname() == sock.getpeername():  # without a listener the socket is connected to itself
                 sock.close()
                 raise ConnectionRefusedError
         except (socket.gaierror, UnicodeError) as error:

@@ -112,7 +112,7 @@ class TcpServerLink(SeveralSenders):
         while room := len(self._clients) < MOST_CLIENTS or self._dispensable() is not None:
             try:
                 sock, sender = self._listener.accept()
-            except OSError:  # nobody, or already gone again
+            except OSError:  # no client, or already gone again
                 break
             try:
                 set_up(sock, answered=self._answered)

@@ -42,12 +42,12 @@ class Record(NamedTuple):
 class Timeline(Iterator[Record]):
     """Iterates once over the records of a log. Their times never go back by more than a second.
 
-    The log's time stamps are kept if they are continuous. A step is removed: the boot times of vehicles heard before
+    The log's time stamps are kept if they are continuous. A step is removed: the boot times of vehicles before
     and after it give the true length of the pause. A pause that they confirm is kept, and so is one of up to an hour
     without boot times. Without stamps (`stamped` is false) the time comes from boot times alone, and begins at 0.
 
     Counters: `steps`: how often the log's clock was set; `strays`: single records with a wrong time. `tell` is called
-    at the first step or stray.
+    at the first step or outlier.
     """
 
     def __init__(

@@ -80,13 +80,13 @@ class _UdpLink(Link):
         self._socket.send(data)
 
     def _judge(self, error: OSError) -> None:
-        """Raise LinkError if the link is closed. All other errors mean that nobody listens now."""
+        """Raise LinkError if the link is closed. All other errors mean that no program listens now."""
         self.refusals += error.errno == errno.ECONNREFUSED
         self._check_open()
 
 
 class UdpOutLink(_UdpLink):
-    """Sends to `host:port`, and receives only from there. It is no error if nobody listens there yet.
+    """Sends to `host:port`, and receives only from there. It is no error if no program listens there yet.
 
     Raises LinkError if the host is unknown or there is no route to it.
     """
@@ -97,7 +97,7 @@ class UdpOutLink(_UdpLink):
 class UdpInLink(SeveralSenders, _UdpLink):
     """Listens at `host:port`. Each address that sends there is a sender, see `receive`.
 
-    Until `follow` sets the peer, all senders are read, and writes go to the 8 senders heard last. After that writes go
+    Until `follow` sets the peer, all senders are read, and writes go to the 8 newest senders. After that writes go
     to the `peer` only; the other senders can still be received, and their datagrams are counted. After `pin` only the
     peer is read. A write is dropped and counted if there is no sender yet. Port 0 means a free port, see `port`.
     Raises LinkError if it cannot listen at the address.
@@ -109,7 +109,7 @@ class UdpInLink(SeveralSenders, _UdpLink):
         super().__init__(host, port)
         self.port: int = self._socket.getsockname()[1]
         self.name = f"udpin:{show(host, self.port)}"
-        self._senders: dict[Any, None] = {}  # in the order in which they were heard
+        self._senders: dict[Any, None] = {}  # the newest sender is the last
 
     def receive(self) -> list[tuple[Sender, bytes]]:
         by_sender: dict[Any, list[bytes]] = {}

@@ -56,7 +56,7 @@ class Parser:
         self.skipped = 0
         self.incompatible = 0
         self.malformed = 0
-        self._rests: dict[Hashable, bytes] = {}  # by sender; the sender heard last is at the end
+        self._rests: dict[Hashable, bytes] = {}  # by sender; the newest sender is at the end
         self._good_at = -1  # the position of a packet in the present data that was verified in advance
 
     def feed(self, chunk: bytes, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:

@@ -60,8 +60,8 @@ class Signing:
     """Remembers the newest time stamp of every stream that is signed with `key` (32 bytes), and of its own.
 
     `epoch_us`: microseconds since 1970 when the caller's clock was 0. If our clock is behind another sender's, or
-    behind what was `kept` of an earlier process, it continues from there: packets that were recorded then are not
-    believed. `link`: the link id; two programs with the same component id need different ones, because the time stamps
+    behind what was `kept` of an earlier process, it continues from there: packets that were recorded then are
+    refused. `link`: the link id; two programs with the same component id need different ones, because the time stamps
     of each system, component and link must increase, and receivers remember only few (ArduPilot 16). `refused`: the
     number of packets by reason.
     """

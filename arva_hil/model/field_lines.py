@@ -1,7 +1,7 @@
 """The pictures of the field on the map: flux lines and lines of equal d in a plane, as polylines.
 
 They are what a level receiver measures at the height of the plane: the flux line is where its arrow points, and d is
-the distance that it shows. NED, metres.
+the distance that it reports. NED, metres.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ EQUAL_D_M: Final = (5.0, 10.0, 20.0, 30.0, 40.0, 50.0)
 
 _TURNS: Final = 90  # directions from the transmitter
 _RADII_M: Final = np.geomspace(0.2, 160.0, 320)
-_UNHEARD_M: Final = 1e3  # stands for d where nothing is heard
+_UNHEARD_M: Final = 1e3  # stands for d without a signal
 _SEEDS_M: Final = (2.0, 4.0, 7.0, 12.0, 20.0, 32.0)
 _STEPS: Final = 110
 _FAR_M: Final = 75.0  # lines end there
@@ -87,7 +87,7 @@ def _outermost(values: Array, level: float) -> Array | None:
     after = np.minimum(last + 1, values.shape[1] - 1)
     low, high = values[rows, last], values[rows, after]
     before = values[rows, np.maximum(last - 1, 0)]
-    high = np.where(high >= _UNHEARD_M, low + np.maximum(low - before, 0.01), high)  # as if it were heard there
+    high = np.where(high >= _UNHEARD_M, low + np.maximum(low - before, 0.01), high)  # as if there were a signal
     share = np.clip((level - low) / np.maximum(high - low, 1e-9), 0.0, 1.0)
     outer: Array = _RADII_M[last] + share * (_RADII_M[after] - _RADII_M[last])
     return outer

@@ -1,4 +1,4 @@
-"""Shows a search on a ground station's map: the place found as ADSB_VEHICLE, readings as NAMED_VALUE_FLOAT.
+"""Sends a search to a ground station's map: the place found as ADSB_VEHICLE, readings as NAMED_VALUE_FLOAT.
 
 Ground stations draw an ADSB_VEHICLE wherever it comes from. An autopilot may evade one, so this needs a link of its
 own, where no autopilot is.
@@ -24,7 +24,7 @@ _MOST_NOTED: Final = 16
 
 
 class _ShownPlace(NamedTuple):
-    """The place shown, metres from the take-off point; `found`: the search ends there, else it is the likeliest one."""
+    """The place sent, metres from the take-off point; `found`: the search ends there, else it is the likeliest one."""
 
     transmitter: int | None
     north_m: float

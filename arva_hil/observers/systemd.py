@@ -12,7 +12,7 @@ from arva_hil.clock import Clock, Waitable
 from arva_hil.events import Event, StatusReport
 from arva_hil.events.words.text import status_line
 
-_RETRY_S: Final = 0.5  # after a datagram that nobody took
+_RETRY_S: Final = 0.5  # after a datagram without a receiver
 _STATUS_S: Final = 5.0
 _MOST: Final = 4096  # bytes; systemd ignores longer messages
 
@@ -66,7 +66,7 @@ class Watchdog:
         assert self._socket
         try:
             self._socket.sendto(message.encode(), self._address)
-        except OSError:  # nobody there, or behind with reading
+        except OSError:  # no receiver, or one that is behind
             return False
         return True
 

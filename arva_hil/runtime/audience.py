@@ -36,7 +36,7 @@ class Audience:
 
     def _switch_off(self, observer: Observer, event: Event, error: BaseException) -> None:
         left = [one for one in self._observers if one is not observer]
-        if len(left) < len(self._observers):  # not yet, while another one was told of
+        if len(left) < len(self._observers):  # not yet, while another one got it
             self.failed += 1
             self._observers = left
             self.emit([ObserverFailed(event.time_s, type(observer).__name__, shown(error))])

@@ -57,7 +57,7 @@ class Engine(Protocol):
 class Live:
     """Drives an engine with links and the loop's clock, and gives events to the audience. A task of the loop.
 
-    `autopilots`: the links on which vehicles are heard; `ports`: the links for frames, on which commands of the
+    `autopilots`: the links of the vehicles; `ports`: the links for frames, on which commands of the
     receiver's host come; both by the engine's names. A link that is lost for ever is left out while there are others of
     its kind; the error of the last one is raised.
     """
@@ -162,7 +162,7 @@ class Live:
             accepted = output.link not in self._gone and link.write(output.data)
         except LinkError as error:
             last = error if self._is_last(output.link, error, now) else None
-        if link.away:  # the engine is told before the output counts as refused
+        if link.away:  # the loss of the link comes before the refused output
             self._audience.emit(self._monitors[output.link].poll(now))
         self.emulator.written(output.id, accepted, now)
         return last

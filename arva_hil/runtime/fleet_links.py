@@ -59,7 +59,7 @@ def live_vehicles(
 def vehicles_in_log(chosen: Scenario, log: str, system: int | None, component: int | None) -> list[VehicleSetup]:
     """Return the vehicles of a replay, on the link "autopilot".
 
-    Raises ValueError if they cannot be told apart there.
+    Raises ValueError if they have the same ids there.
     """
     if chosen.vehicles:
         return recorded_vehicles(chosen, log, "autopilot", target_component=component)

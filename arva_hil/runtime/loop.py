@@ -9,7 +9,7 @@ from typing import Final, Protocol
 from arva_hil.clock import Clock, Waitable, any_ready, punctual
 
 _LONGEST_WAIT_S: Final = 0.1  # the longest time without a check for signals and without serving a task
-_AT_ONCE_S: Final = 1e-6  # deadlines closer than this are the same: they were calculated in different ways
+_AT_ONCE_S: Final = 1e-6  # deadlines closer than this are the same: they were calculated differently
 
 
 class Task(Protocol):

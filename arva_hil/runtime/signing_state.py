@@ -1,4 +1,4 @@
-"""Stores the time stamps of signatures, as MAVLink requires: otherwise packets that were recorded are believed again.
+"""Stores the time stamps of signatures, as MAVLink requires: otherwise recorded packets are accepted again.
 
 There is one small file for each key, readable only by its owner. Several programs with the same key share it.
 """

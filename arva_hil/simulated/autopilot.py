@@ -25,7 +25,7 @@ _STILL: Final = (0.0, 0.0, 0.0)
 
 
 class Mode(IntEnum):
-    """The values of HEARTBEAT.custom_mode. Nobody moves the sticks, so STABILIZE and LOITER hold the position."""
+    """The values of HEARTBEAT.custom_mode. The sticks never move, so STABILIZE and LOITER hold the position."""
 
     STABILIZE = 0
     GUIDED = 4

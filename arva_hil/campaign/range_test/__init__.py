@@ -1,1 +1,1 @@
-"""Range tests: a receiver is carried towards a transmitter until it hears it and goes on hearing it."""
+"""Range tests: a receiver is carried towards a transmitter until its signal is stable."""

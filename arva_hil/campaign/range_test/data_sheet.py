@@ -1,4 +1,4 @@
-"""The data sheet of a range test: how far a receiver hears, in each coupling, as text, rows and values."""
+"""The data sheet of a range test: the range of a receiver in each coupling, as text, rows and values."""
 
 from __future__ import annotations
 

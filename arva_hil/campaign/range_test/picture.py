@@ -1,4 +1,4 @@
-"""The picture of a data sheet: how often a signal is heard from how far away, and what d says there."""
+"""The picture of a data sheet: share of frames with a signal, and d, over the true range."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def drawn(sheets: Sequence[DataSheet]) -> bytes:
 
 
 def draw_heard(axes: Axes, sheet: DataSheet) -> None:
-    """Draw the share of frames in which the transmitter is heard, over its true range; lines where it is stable."""
+    """Draw the share of frames with a signal of the transmitter, over its true range; lines where it is stable."""
     farthest = max([1.0, *(m for row in sheet.rows for m in (*row.first_m, *row.stable_m))]) * 1.1
     edges = np.linspace(0.0, farthest, _BINS + 1)
     for n, row in enumerate(sheet.rows):

@@ -45,7 +45,7 @@ def formula_m(coaxial: Sequence[Walk]) -> float | None:
 def strip_width(scenario: Scenario, height_m: float, speed_m_s: float) -> StripWidth | None:
     """Return the width for the scenario's receiver and the weakest set of the norm, a metre deep.
 
-    None if the receiver hears too little for strips. `height_m`: above the ground.
+    None if the receiver's range is too short for strips. `height_m`: above the ground.
     """
     weakest = Transmitter(0, ned=(0.0, 0.0, 0.0), strength=_WEAKEST, keying=KeyingOptions())
     of = replace(scenario, transmitters=(weakest,), terrain=None, medium=None, vehicles=())

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 HOVER_LOAD: Final = 0.5  # of the motors, 0…1
 _HERE: Final = LocalFrame(0.0, 0.0, 0.0)
-_START: Final = math.nextafter(0.0, -1.0)  # no look is earlier
+_START: Final = math.nextafter(0.0, -1.0)  # no sample is earlier
 
 
 class Coupling(NamedTuple):
@@ -51,14 +51,14 @@ class RangePlan:
     walks: int = 10  # in each coupling
     start_m: float = 120.0  # doubled while the signal is stable from the start on
     farthest_m: float = 2000.0
-    passes: int = 0  # flights along search strips of each width, to see how many hear the transmitter
+    passes: int = 0  # simulated flights along search strips of each width
 
 
 class Walk(NamedTuple):
     """The result of one walk, frame by frame (N,). `first_m`, `stable_m`: see `signals`."""
 
     range_m: Floats  # true distance between transmitter and receiver
-    d_m: Floats  # of the nearest channel that hears; NaN where none does
+    d_m: Floats  # of the nearest channel with a signal; NaN without any
     first_m: float | None
     stable_m: float | None
 
@@ -80,7 +80,7 @@ def walked(scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int,
 def signals(range_m: Floats, d_m: Floats, stable_frames: float) -> tuple[float | None, float | None]:
     """Return the distances of the first signal and of the first stable signal, metres; None: there was none.
 
-    A stable one is the first frame that hears and after which every frame does so, for `stable_frames` frames. Single
+    A stable one is the first frame with a signal after which every frame has one, for `stable_frames` frames. Single
     signals from farther away do not count, as testers have it.
     """
     heard = np.isfinite(d_m)

@@ -72,7 +72,7 @@ def compare(parser: CommandParser) -> None:
 
 
 def view(parser: CommandParser) -> None:
-    """Look at a record on a page in a browser: the same page as --web, with a slider for the time.
+    """Open a record as a page in a browser: the same page as --web, with a slider for the time.
 
     RUN is a folder that --record has written. A LOG.tlog is replayed first, through the scenario.
     """
@@ -84,7 +84,7 @@ def view(parser: CommandParser) -> None:
 
 
 def range_test(parser: CommandParser) -> None:
-    """Carry the scenario's receiver towards its first transmitter, again and again, and print how far it hears.
+    """Carry the scenario's receiver towards its first transmitter, several times, and print its range.
 
     In three couplings: coaxial, turned by 90°, and with the dipole upright. Only stable signals count, as in the tests
     of receivers: a single signal from farther away does not. With --out it also writes range-test.txt, .csv and .png

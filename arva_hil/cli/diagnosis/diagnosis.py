@@ -14,8 +14,8 @@ from arva_hil.cli.diagnosis.values import Finding, Source, StreamRate, Traffic
 
 ENOUGH: Final = 0.7  # of the rate asked for; below it the session asks again
 MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
-_BAD_SHARE: Final = 0.02  # of packets with bad checksums, above which there is a note
-_LATE_S: Final = 0.2  # there is a note too if poses come this much later than the quickest
+_BAD_SHARE: Final = 0.02  # report a larger share of bad checksums
+_LATE_S: Final = 0.2  # report poses that come this much later than the quickest
 _SLOW_HEARTBEAT_HZ: Final = 0.6
 _PRINTABLE: Final = frozenset(range(32, 127)) | {9, 10, 13}
 _NO_LINK: Final = frozenset(("link", "port", "bytes", "packets", "baud", "signing", "heartbeat"))
@@ -180,7 +180,7 @@ def heartbeat(
 
 
 def target(sources: Sequence[Source]) -> dict[str, str | None]:
-    """Return the options that choose an autopilot that was heard; N if there are several."""
+    """Return the options that choose one of the autopilots found; N if there are several."""
     pilots = [s for s in sources if s.pilot]
     if len(pilots) != 1:
         return {"target_system": "N", "target_component": None} if pilots else {}

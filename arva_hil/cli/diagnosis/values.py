@@ -60,7 +60,7 @@ class StreamRate:
     hz: float
     wanted_hz: float
     said: str = ""
-    recorded: bool = False  # it comes from a log, which nobody can ask
+    recorded: bool = False  # it comes from a log, so no request is possible
     promised: bool = False
 
 

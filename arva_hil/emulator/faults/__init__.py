@@ -1,1 +1,1 @@
-"""Faults on purpose: of hearing, of sending, and of the bytes on the wire."""
+"""Faults on purpose: of reception, of sending, and of the bytes on the wire."""

@@ -1,4 +1,4 @@
-"""Faults of hearing: transmitters, interference, a stuck receiver, its antennas and electronics near it."""
+"""Faults of reception: transmitters, interference, a stuck receiver, its antennas and electronics near it."""
 
 from __future__ import annotations
 
@@ -84,9 +84,9 @@ _LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made
 
 
 class FaultyReceiver:
-    """A `ReceiverModel` around another one, which applies the faults of hearing.
+    """A `ReceiverModel` around another one, which applies the faults of reception.
 
-    Remembers its last reading, for the fault `stuck`, and its newest look. `scenario`: has the receiver's noise.
+    Remembers its last reading, for the fault `stuck`, and its newest sample. `scenario`: has the receiver's noise.
     """
 
     def __init__(self, model: ReceiverModel, scenario: Scenario) -> None:
@@ -117,7 +117,7 @@ class FaultyReceiver:
         return self._model.look(look)
 
     def show(self, time_s: float) -> Reading:
-        """See `ReceiverModel`. While it is stuck: the earlier reading, with the true ranges of the newest look."""
+        """See `ReceiverModel`. While it is stuck: the earlier reading, with the true ranges of the newest sample."""
         reading, time_us = self._model.show(time_s), round(time_s * 1e6)
         stuck = [switch for switch in self._stuck if switch.turn(time_us)]
         if self._shown is None or not stuck:

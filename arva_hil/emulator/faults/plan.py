@@ -16,7 +16,7 @@ from firmware_proto import Frame
 class Faults:
     """Remembers the faults that are on, those that changed the present frame, and the frames that wait to be sent.
 
-    `receiver`: the `model` with the faults of hearing. `present`: the faults; those of the scenario until `change`.
+    `receiver`: the `model` with the faults of reception. `present`: the faults; those of the scenario until `change`.
     Call `begin`, then `send`, for each frame. The same scenario gives the same faults in each frame.
     """
 

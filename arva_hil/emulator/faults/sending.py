@@ -108,7 +108,7 @@ class QueuedFrame(NamedTuple):
 
 @dataclass
 class Sending:
-    """The way to send one frame. `may_wait`: no other frame waits to be overtaken."""
+    """The transmission of one frame. `may_wait`: no other frame waits to be overtaken."""
 
     frame: Frame
     may_wait: bool

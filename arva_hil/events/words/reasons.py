@@ -1,4 +1,4 @@
-"""Reasons in words, with the likely cure; and what a vehicle does if it gets no orders."""
+"""Reasons as sentences, with the likely cure; the reaction of a vehicle to missing set-points."""
 
 from __future__ import annotations
 

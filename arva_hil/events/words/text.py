@@ -25,7 +25,7 @@ WIDTH: Final = len("#254 inner 32767 cm -180°")  # of a channel that is aligned
 
 LEAST_M: Final = 0.01  # a smaller distance is not printed
 
-# From xterm's 256 colours. Colour-blind people can tell them apart too, and they are readable on black and on white.
+# From xterm's 256 colours. Colour-blind people can distinguish them, and they are readable on black and on white.
 # No information is in a colour alone.
 GOOD, DOUBTFUL, BAD = 30, 129, 202
 _COLOURS: Final = {"warning": DOUBTFUL, "error": BAD}
@@ -46,7 +46,7 @@ def sigma(metres: float) -> str:
 def reading(channels: Iterable[Channel]) -> str:
     """Return the channels of a frame with a signal, e.g. '#1 mid 1046 cm +12°', or 'no signal'.
 
-    The inner zone has no direction. A frame format without zones gives OUTER, in which nothing is heard.
+    The inner zone has no direction. A frame format without zones gives OUTER, the zone without a signal.
     """
     return ", ".join(_channel(c) for c in channels if c.valid) or "no signal"
 

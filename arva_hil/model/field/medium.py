@@ -43,7 +43,7 @@ class Medium:
     - `snow_skin_depth_m`: the skin depth of the cover of a transmitter.
     - `surface_m`: the surface of the cover, down from the datum; one for all, or (M,) of each.
 
-    The loss is that of the way straight up: exp(−depth / skin depth). The phase between the radial and the transverse
+    The loss is that of the path straight up: exp(−depth / skin depth). The phase between the radial and the transverse
     part of the full field, 11° at 60 m, is left out.
     """
 

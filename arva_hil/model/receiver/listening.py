@@ -18,7 +18,7 @@ from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from arva_hil.model.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.model.receiver.separation import Signals, Vector
 
-_IDLE_S: Final = 1.0  # the longest time between two looks
+_IDLE_S: Final = 1.0  # the longest time between two samples
 _BATCH: Final = 256
 _SOUND: Final = Impairment()
 
@@ -39,7 +39,7 @@ class NoiseDraws:
 
 
 class Listening:
-    """The transmitters' next pulses, the newest look, and the noise.
+    """The transmitters' next pulses, the newest sample, and the noise.
 
     Signals are in units of the reference transmitter's field. Three numbers are drawn for each pulse, also for one
     below the threshold. `interference`: the noise of the newest pulse is above the specified noise.
@@ -64,7 +64,7 @@ class Listening:
         return self._look.transmitters.ids if self._look else ()
 
     def ranges(self) -> dict[int, float]:
-        """Return the true distances [m] at the newest look, by id."""
+        """Return the true distances [m] at the newest sample, by id."""
         look = self._look
         return look.transmitters.ranges(look.pose.position) if look and look.pose else {}
 
@@ -75,7 +75,7 @@ class Listening:
         return self._timeline.next_end(after_s, after_s + _IDLE_S)
 
     def look(self, look: Look) -> bool:
-        """Use a look. Returns whether its transmitters are new."""
+        """Use a sample. Returns whether its transmitters are new."""
         self._look = look
         if look.transmitters.keyings == self._given:
             return False
@@ -138,7 +138,7 @@ class Listening:
 
 
 class ListeningReceiver:
-    """The common part of the `ReceiverModel`s that listen to pulses: they look at the end of each pulse."""
+    """The common part of the `ReceiverModel`s that listen to pulses: they take a sample at the end of each pulse."""
 
     Options: ClassVar[type[PulsedOptions]] = PulsedOptions
 

@@ -1,6 +1,6 @@
 """The readings of the paper's receiver at many poses: for maps, and for whole flights.
 
-The integers are the same as from a `PaperReceiver` that looks at these poses one after another.
+The integers are the same as from a `PaperReceiver` that takes samples at these poses one after another.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from arva_hil.model.receiver.paper import INNER_M, MID_M, Antennas, outputs, rec
 _PAIRS = 40000  # of a pose and a transmitter, at most, in one block
 _MARGIN = 1.0001  # of what is compared with a bound: rounding decides nothing
 _HALF_DEGREES = 360 / math.pi
-_FAR_M = 1e50  # a transmitter farther away is not heard; squares of distances stay finite
+_FAR_M = 1e50  # a transmitter farther away has no signal; squares of distances stay finite
 
 Ints = NDArray[np.int32]
 Index = NDArray[np.intp]
@@ -31,7 +31,7 @@ Index = NDArray[np.intp]
 class Readings(NamedTuple):
     """The readings at N poses of M transmitters, in their order: `d_cm`, `delta_deg`, `zone` (`Zone`), each (N, M).
 
-    d and δ are −1 if a transmitter is not heard. δ is 0 in the inner zone.
+    d and δ are −1 if a transmitter is not received. δ is 0 in the inner zone.
     """
 
     d_cm: Ints
@@ -79,11 +79,11 @@ def readings(
 
 
 class _Looks:
-    """Looks at N poses, and their readings, in blocks of `poses`.
+    """Samples at N poses, and their readings, in blocks of `poses`.
 
-    Noise is bounded. So where the field in the plane of the antennas x and y is too weak, a transmitter cannot be heard
-    whatever the noise, and only random numbers are drawn for it. Beyond some distance a transmitter cannot be in the
-    inner zone, and the third antenna does not matter; the pairs within it are few, and left for the end.
+    Noise is bounded. So a transmitter whose field in the plane of the antennas x and y is too weak is never received,
+    and only its random numbers are drawn. Beyond some distance a transmitter cannot be in the inner zone, and the third
+    antenna does not matter. The few pairs within that distance are computed at the end.
     """
 
     def __init__(

@@ -125,14 +125,17 @@ def rounded(x: Array) -> Array:
 
 
 class PaperReceiver:
-    """The receiver of the paper, a `ReceiverModel`. It looks once for each frame, at the frame's instant.
+    """The receiver of the paper, a `ReceiverModel`. It takes one sample for each frame, at the frame's instant.
 
     Remembers its random generator and its last reading. `channels`: the number of slots. `no_signal`: (d, δ) of an
-    empty slot. Noise is drawn for every transmitter in each look: it depends only on seed and number of the look.
+    empty slot. Noise is drawn for every transmitter in each sample: it depends only on seed and number of the sample.
 
-    Commands: `mark ID` hides a transmitter that it hears, `unmark ID` shows it again, `unmark` all; `select ID` shows
-    only this one as long as it is heard, `select` all; `channels N` sets the number of slots, 1…16; `restart` undoes
-    all of this.
+    Commands:
+
+    - `mark ID`: leave out a transmitter that is received. `unmark ID`: report it again. `unmark`: report all again.
+    - `select ID`: report only this one while it is received. `select`: report all.
+    - `channels N`: set the number of slots, 1…16.
+    - `restart`: undo all of this.
     """
 
     def __init__(
@@ -152,7 +155,7 @@ class PaperReceiver:
         self._channels = channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
         self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # for noise that is not the receiver's own
-        self._heard: list[_Heard] = []  # at the last look
+        self._heard: list[_Heard] = []  # at the last sample
         self._start()
 
     @classmethod

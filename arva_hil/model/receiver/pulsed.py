@@ -1,4 +1,4 @@
-"""Receivers that listen to pulses: one look for each pulse, a rhythm for each transmitter, slots, marks."""
+"""Receivers that listen to pulses: one sample for each pulse, a rhythm for each transmitter, slots, marks."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _MOVED_M: Final = 1.0  # a smaller distance is no motion
 
 
 class PulsedReceiver(ListeningReceiver):
-    """A `ReceiverModel` that looks at the end of each pulse, and follows the rhythm of every transmitter that it hears.
+    """A `ReceiverModel` with a sample at the end of each pulse. It follows the rhythm of every transmitter received.
 
     Remembers the next pulses, slots and marks, its last motion, and whether it has returned to sending.
 
-    Commands: `mark ID`, refused if it is too far away, not heard, or overlapped; `unmark ID`, `unmark`; `select ID`,
+    Commands: `mark ID`, refused if it is too far away, not received, or overlapped; `unmark ID`, `unmark`; `select ID`,
     `select`; `channels N`; `scan`; `restart`; `search` after it has returned to sending.
     """
 
@@ -88,7 +88,7 @@ class PulsedReceiver(ListeningReceiver):
         self.searching = True
 
     def _hear(self, sent: SentPulse, signals: Signals | None) -> bool:
-        """Use one pulse. Returns whether a slot shows it."""
+        """Use one pulse. Returns whether a slot has it."""
         index, end_s = sent.pulse.sender, sent.pulse.end_s
         listening = self._listening
         u, v, w = listening.noise(index)

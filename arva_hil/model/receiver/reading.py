@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Zone(IntEnum):
-    """The zone of a transmitter. OUTER, in which it is not heard, is false."""
+    """The zone of a transmitter. OUTER, without a signal, is false."""
 
     OUTER = 0
     MID = 1  # two antennas: distance and direction
@@ -33,8 +33,8 @@ class PulseReading:
 class ChannelReading(NamedTuple):
     """One slot of the receiver. An empty slot has no id, zone OUTER and the no-signal values.
 
-    `true_range_m`: the distance to the slot's transmitter. Empty slots have the distances of transmitters that no slot
-    shows, nearest first. None if there is no such transmitter, or no pose. A slot whose transmitter is not heard for
+    `true_range_m`: the distance to the slot's transmitter. Empty slots have the distances of transmitters without a
+    slot, nearest first. None if there is no such transmitter, or no pose. A slot whose transmitter is not received for
     the moment is blank: it has an id, zone OUTER and the no-signal values.
     """
 
@@ -55,7 +55,7 @@ class Reading:
     interference: bool  # noise above the floor that a receiver is specified for
     more_heard: bool  # more transmitters than slots
     overlapping: bool = False  # pulses of several transmitters disturb each other
-    searching: bool = True  # False: it has returned to sending by itself, and hears nothing
+    searching: bool = True  # False: it has returned to sending by itself, and receives nothing
     failed: bool = False  # its self-test
 
 

@@ -1,4 +1,4 @@
-"""The protocol of receiver models: when they look, what they show, and commands of their host.
+"""The protocol of receiver models: the times of their samples, their readings, and commands of their host.
 
 Times are seconds from the start of the run; poses and places NED, metres, from the datum.
 """
@@ -144,11 +144,11 @@ class ReceiverModel(Protocol):
 
         `frame_s`: the instant of the next frame.
 
-        A look at the instant of a frame comes before that frame. Called after each look and each frame.
+        A sample at the instant of a frame comes before that frame. Called after each sample and each frame.
         """
 
     def look(self, look: Look) -> bool | None:
-        """Hear the transmitters at one instant. True asks for a frame of this instant, before the next one is due."""
+        """Receive the transmitters at one instant. Returns True to ask for a frame of this instant."""
 
     def show(self, time_s: float) -> Reading:
         """Return the reading at an instant, not before the newest sample. Before the first one every slot is empty."""

@@ -1,7 +1,7 @@
-"""Overlapping pulses of several transmitters, as a receiver hears them.
+"""Overlapping pulses of several transmitters, as a receiver gets them.
 
 Overlapping pulses are one event. If their carriers differ by less than one over the length of a pulse, they merge into
-a vector sum, which belongs to the pulse that began first. Otherwise one is heard if it is 6 dB stronger; if none is,
+a vector sum, which belongs to the pulse that began first. Otherwise one is received if it is 6 dB stronger; if none is,
 both are lost.
 """
 
@@ -26,7 +26,7 @@ _CAPTURE: Final = 0.5  # 6 dB: a weaker signal above this share of the strongest
 
 
 class SeparatedPulse(NamedTuple):
-    """A pulse as it is heard: its start, the offset of its carrier [Hz], its signal. `touched`: others disturb it."""
+    """A received pulse: its start, the offset of its carrier [Hz], its signal. `touched`: others disturb it."""
 
     start_s: float
     carrier_hz: float

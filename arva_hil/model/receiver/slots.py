@@ -10,7 +10,7 @@ from arva_hil.model.receiver.track import Mark, PulseTrack
 
 
 class Slots:
-    """Remembers a track of each transmitter heard, lost marks, the selected transmitter, and the number of slots.
+    """Remembers a track of each transmitter received, lost marks, the selected transmitter, and the number of slots.
 
     `no_signal`: (d, δ) of an empty slot. `mark_within_m`: the largest distance for marking. `measures`: slots have the
     newest pulse.
@@ -74,7 +74,7 @@ class Slots:
         return slots[: self._channels] + [self._empty] * free, free < 0, until_s
 
     def mark(self, time_s: float, id_: int) -> bool:
-        """Mark a transmitter as found. Returns False if it is too far away, not heard, or overlapped."""
+        """Mark a transmitter as found. Returns False if it is too far away, not received, or overlapped."""
         track = self._heard(time_s, id_)
         if track is None or track.touched or not self._near(track):
             return False
@@ -96,7 +96,7 @@ class Slots:
         return True
 
     def select(self, time_s: float, id_: int | None) -> bool:
-        """Show only this transmitter while it is heard; None: all."""
+        """Report only this transmitter while it is received; None: all."""
         if id_ is not None and self._heard(time_s, id_) is None:
             return False
         self._selected = id_

@@ -68,7 +68,7 @@ class Printer:
         self._put(wrapped(one_line(line), columns_of(self._stream)))
 
     def settle(self, report: StatusReport | None = None) -> None:
-        """Show the status for the last time, as it is or as in `report`. Later lines come below it."""
+        """Print the status for the last time, as it is or as in `report`. Later lines come below it."""
         self._say_missing()
         if report is not None and self._shown:
             self._show(report)
@@ -81,12 +81,12 @@ class Printer:
         self._background.close()
 
     def show(self, time_s: float, parts: Sequence[str]) -> None:
-        """Show a status in one line, the most important part first. `time_s`: when it was measured."""
+        """Print a status in one line, the most important part first. `time_s`: when it was measured."""
         parts = [one_line(part) for part in parts]
         self._display(time_s, lambda columns, _: [fit(parts, columns)], lambda: BETWEEN.join(parts))
 
     def _say_missing(self) -> None:
-        """Say which vehicles have not appeared: in one sentence those of which the same was heard."""
+        """Say which vehicles have not appeared: in one sentence those with the same traffic."""
         for missing in self._missing.values():
             event = replace(missing[0], vehicle=", ".join(one.vehicle for one in missing))
             if (notice := sentence(event, named=self._named)) is not None:
@@ -98,7 +98,7 @@ class Printer:
         self._display(report.time_s, table, partial(status_line, report, named=self._named))
 
     def _display(self, time_s: float, table: Callable[[int, int], list[str]], line: Callable[[], str]) -> None:
-        """Show a table on a terminal, or a line if it is time for one. `table`: makes it for (columns, lines)."""
+        """Print a table on a terminal, or a line if it is time for one. `table`: makes it for (columns, lines)."""
         if self._live:
             columns, lines = _size(self._stream)
             over, self._shown = self._over(), table(columns - 1, max(1, lines - 2))

@@ -1,1 +1,1 @@
-"""The page that shows a run in a browser: `page.WebPage` observes events, and serves them on a local address."""
+"""The page about a run in a browser: `page.WebPage` observes events, and serves them on a local address."""

@@ -1,4 +1,4 @@
-"""Vehicles, receivers and links as the page shows them: what is there, how fast it comes, what is lost."""
+"""Vehicles, receivers and links for the page: their state, rates and losses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The observer that shows a run in a browser: it remembers the events, and a thread of its own does the rest."""
+"""The observer for the page in a browser: it remembers the events, and a thread of its own does the rest."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
 from arva_hil.observers.web.state import State
 
-_UPDATE_S: Final = 0.1  # while somebody looks
+_UPDATE_S: Final = 0.1  # while a browser asks
 _IDLE_S: Final = 0.5
 _LOOKING_S: Final = 3.0  # after the last request
 _FIELD_S: Final = 2.0  # between two pictures of the field
-_LAST_S: Final = 1.5  # at most, for browsers to hear that the run has ended
-_SENT_S: Final = 0.05  # for an answer to be on its way
+_LAST_S: Final = 1.5  # at most, until browsers have the end of the run
+_SENT_S: Final = 0.05  # until an answer is sent
 _MOST_WAITING: Final = 100_000  # events
 _SWITCH_S: Final = 0.0005  # the longest that the loop waits for a thread of the page that computes
 
@@ -49,7 +49,7 @@ class WebPage:
             self._waiting.append(event)
 
     def close(self, how: str = "ended") -> None:
-        """Show how it ended, give the browsers a moment to ask, and stop."""
+        """Report the end of the run, give the browsers a moment to ask, and stop."""
         if self._closing.is_set():
             return
         self._closing.set()

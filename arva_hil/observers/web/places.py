@@ -10,7 +10,7 @@ HERE: Offset = (0.0, 0.0, 0.0)
 
 
 class Places:
-    """Remembers the origin of the map, which is the first place it is told, and where the other origins lie in it."""
+    """Remembers the origin of the map, which is the first place put, and the other origins in that map."""
 
     def __init__(self) -> None:
         self.origin: tuple[float, float, float] | None = None  # degrees, degrees, metres AMSL

@@ -1,4 +1,4 @@
-"""The estimates of a search as the page shows them. Places are in the map."""
+"""The estimates of a search for the page. Places are in the map."""
 
 from __future__ import annotations
 

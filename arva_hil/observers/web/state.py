@@ -19,7 +19,7 @@ from arva_hil.observers.web.truth import TransmitterView
 from arva_hil.safe_text import one_line
 
 _MOST_EVENTS: Final = 200
-_MOST_FRAMES: Final = 2000  # of one update; of more, as of a replay at full speed, every n-th is shown
+_MOST_FRAMES: Final = 2000  # of one update; of more, as of a replay at full speed, every n-th is kept
 _MOST_RECEIVERS: Final = 64
 _KEPT: Final = 16  # documents, one for each version that clients ask from
 _KAPPA_EQ: Final = 1.542
@@ -33,7 +33,7 @@ def _vehicle(event: Event) -> str:
 
 
 class _ShownReceiver:
-    """One receiver: its history, and what is shown of its newest frame alone."""
+    """One receiver: its history, and the values of its newest frame alone."""
 
     def __init__(self) -> None:
         self.history = TextHistory()
@@ -44,10 +44,10 @@ class _ShownReceiver:
 
 
 class State:
-    """Remembers what the page shows. `update` takes events, `document` makes the JSON; only one thread at a time.
+    """Remembers the content of the page. `update` takes events, `document` makes the JSON; only one thread at a time.
 
     `kind`: of the run: run, replay, demo, search or view. `title`: a line for a person. `known`: whether the scenario
-    is known, so that there is a truth to show. `datum`: degrees, degrees, metres AMSL, if the scenario fixes it.
+    is known, so that the page has the truth. `datum`: degrees, degrees, metres AMSL, if the scenario fixes it.
     `faults`: of the scenario, in words. `named`: there are several receivers.
     """
 
@@ -67,7 +67,7 @@ class State:
         self.version = 1
         self.health = Health(dict(asked_hz or {}), dict(links or {}))
         self.places = Places()
-        self._alone = kind == "search"  # without an emulator: their own frames and vehicles are shown
+        self._alone = kind == "search"  # without an emulator: the page has their own frames and vehicles
         self._about = {
             "run": secrets.token_hex(4),
             "kind": kind,
@@ -188,7 +188,7 @@ class State:
         return jsons.point(heard.time_s, place, heard.heading_deg, None, None, said, heard.frame.sequence)
 
     def draw_field(self) -> None:
-        """Compute the lines of the field anew if transmitters have moved, or the receiver has climbed."""
+        """Compute the lines of the field again if transmitters have moved, or the receiver has climbed."""
         downs = (receiver.down_m for receiver in self._receivers.values())
         if self._truth.draw(next((down for down in downs if down is not None), None)):
             self._new_version()

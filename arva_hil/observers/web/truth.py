@@ -14,7 +14,7 @@ from arva_hil.observers.web import jsons
 from arva_hil.observers.web.places import Places
 
 _MOST_TRANSMITTERS: Final = 256
-_MOVED_M: Final = 0.25  # of a transmitter: its lines are drawn anew
+_MOVED_M: Final = 0.25  # of a transmitter: its lines are computed again
 _CLIMBED_M: Final = 1.0  # of the receiver
 _HEIGHT_M: Final = 2.5  # of the plane of the lines, before there is a pose
 
@@ -53,7 +53,7 @@ class TransmitterView:
             self.text = _text(self._there, self._owners)
 
     def draw(self, down_m: float | None) -> bool:
-        """Compute the lines anew if transmitters have moved, or the plane has; whether that was so.
+        """Compute the lines again if transmitters or the plane have moved. Returns whether they have.
 
         `down_m`: of the receiver, NED in the map; None if it is not known.
         """

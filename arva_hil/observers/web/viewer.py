@@ -26,14 +26,14 @@ from arva_hil.records.reading.receivers import NO_ID
 from arva_hil.records.reading.values import mapping, number, text
 
 _THINNED: Final = 3000  # readings that stand for all of them
-_NEWEST: Final = 100  # before the time shown, that are all there
+_NEWEST: Final = 100  # before the chosen time, all kept
 ONE: Final = ("vehicle", "receiver")  # the names in a run of one receiver
 
 
 class RecordedState(State):
     """The state of a recorded run at a time of its clock. `show` sets that time; any order will do.
 
-    Remembers the time shown, and the JSON texts of some readings of every receiver.
+    Remembers the chosen time, and the JSON texts of some readings of every receiver.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -65,7 +65,7 @@ class RecordedState(State):
         return super().document(since if since == self.version else 0)
 
     def show(self, time_s: float) -> None:
-        """Show the state at a time, seconds from the start of the run."""
+        """Set the state to that at a time, seconds from the start of the run."""
         time_s = min(max(time_s, self.span_s[0]), self.span_s[1]) if math.isfinite(time_s) else self.span_s[1]
         if time_s == self._shown_s:
             return
@@ -83,7 +83,7 @@ class RecordedState(State):
         self.draw_field()
 
     def notice_of(self, event: Event) -> Notice | None:
-        """See `State`: as it was told in the run."""
+        """See `State`: as it was printed in the run."""
         return self._notices.get(id(event))
 
     def _recorded_events(self) -> Iterator[Event]:

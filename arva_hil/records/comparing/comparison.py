@@ -50,10 +50,10 @@ class Spread:
 class Comparison:
     """The readings of one transmitter side by side. `id` is None if the frames have no ids.
 
-    `both`, `first_only`, `second_only`: frames in which both, or only one, heard it. `lag_s`: the first is later by
-    this; None if the flight does not tell. `groups`: residuals by "range", "zone", "angle" and "time". `hints`: what is
+    `both`, `first_only`, `second_only`: frames in which both, or only one, received it. `lag_s`: the first is later by
+    this; None if unknown. `groups`: residuals by "range", "zone", "angle" and "time". `hints`: what is
     probably wrong. `time_s`, `first_m`, `second_m`, `first_deg`, `second_deg`, `range_m`: (N,) for pictures, NaN where
-    not heard.
+    not received.
     """
 
     id: int | None
@@ -100,7 +100,7 @@ _NO_RANGES: Final[Ranges] = {}
 def compared(
     one: RecordedReceiver, two: RecordedReceiver, pairs: Paired, ranges: Ranges = _NO_RANGES
 ) -> list[Comparison]:
-    """Compare two receivers, for each transmitter that one of them heard."""
+    """Compare two receivers, for each transmitter that one of them received."""
     return [_of_one(one, two, pairs, *ids, ranges) for ids in _ids(one, two)]
 
 

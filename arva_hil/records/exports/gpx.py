@@ -16,7 +16,7 @@ _NAMESPACES: Final = 'xmlns="http://www.topografix.com/GPX/1/1" xmlns:arva="http
 def write(recording: Recording, out: BinaryIO) -> None:
     """Write a record as GPX. Elevations are metres above mean sea level.
 
-    A point at which something is heard has d in metres as an extension, `arva:d_m`.
+    A point with a signal has d in metres as an extension, `arva:d_m`.
     """
     for part in _parts(recording):
         out.write(part.encode())

@@ -40,7 +40,7 @@ class FlightTrack(NamedTuple):
     gaps: NDArray[np.bool_]
 
     def heard_m(self) -> Floats:
-        """(N,) d of the nearest transmitter heard, m; NaN where none is."""
+        """(N,) d of the nearest transmitter received [m]; NaN without any."""
         if self.receiver is None:
             return np.full(len(self.rows), np.nan)
         nearest = self.receiver.begins[self.rows]

@@ -1,4 +1,4 @@
-"""The look of all pictures: colours that colour-blind eyes tell apart (M. Okabe, K. Ito, 2008), sizes, files."""
+"""The style of all pictures: colours distinct for colour-blind eyes (M. Okabe, K. Ito, 2008), sizes, files."""
 
 from __future__ import annotations
 

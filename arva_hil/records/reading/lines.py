@@ -1,6 +1,6 @@
 """Reads a record's text files line by line, in little memory, and says where a mistake is.
 
-A program that was killed, or a full disk, leaves a last line that is cut. It is not used, and a note says so.
+A program that was killed, or a full disk, leaves a last line that is cut. It is not used, and reported.
 """
 
 from __future__ import annotations

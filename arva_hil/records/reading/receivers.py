@@ -22,9 +22,9 @@ class RecordedReceiver:
     What is empty in the file is NaN, or NO_ID for an id. The slots of frame n are those at `rows(n)`.
 
     `vehicle`, `receiver`: its names in the scenario, "" in a record of one receiver. Times count from the start of the
-    run, as in the file. The pose is the receiver's true one, NED from the datum. Slots are as the receiver showed them:
-    nearest first, empty ones last. Those have zone 0, and the true range of a transmitter that no slot shows; one whose
-    transmitter is not heard for the moment has its id, and zone 0.
+    run, as in the file. The pose is the receiver's true one, NED from the datum. Slots are as in the frame:
+    nearest first, empty ones last. Those have zone 0, and the true range of a transmitter that no slot has; one whose
+    transmitter is not received for the moment has its id, and zone 0.
     """
 
     vehicle: str
@@ -60,12 +60,12 @@ class RecordedReceiver:
 
     @cached_property
     def ids(self) -> tuple[int, ...]:
-        """The transmitters that were heard, by number."""
+        """The transmitters received, by number."""
         return tuple(int(one) for one in np.unique(self.id[self.zone > 0]) if one != NO_ID)
 
     @property
     def nearest_zone(self) -> Ints:
-        """(N,) the innermost zone of all slots; 0 where nothing is heard."""
+        """(N,) the innermost zone of all slots; 0 without a signal."""
         return np.maximum.reduceat(self.zone, self.begins[:-1]) if len(self) else self.zone
 
     @property
@@ -81,7 +81,7 @@ class RecordedReceiver:
     def of_transmitter(self, id_: int) -> tuple[Floats, Floats, Ints, Floats]:
         """Return the readings of one transmitter: d in metres, δ in degrees, zone, true range in metres, each (N,).
 
-        Where no slot shows it, d, δ and range are NaN and the zone is 0. δ is NaN in the inner zone.
+        Where no slot has it, d, δ and range are NaN and the zone is 0. δ is NaN in the inner zone.
         """
         rows = np.flatnonzero((self.id == id_) & (self.zone > 0))
         frames, first = np.unique(np.searchsorted(self.begins, rows, side="right") - 1, return_index=True)

@@ -187,5 +187,5 @@ def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.
 
 def _slot(channel: ChannelReading, directions: dict[int, ros.Vector3]) -> ros.ArvaData:
     id_ = _EMPTY if channel.id is None else channel.id
-    direction = directions.get(id_, _NOWHERE) if channel.zone else _NOWHERE  # a blank slot hears nothing now
+    direction = directions.get(id_, _NOWHERE) if channel.zone else _NOWHERE  # a blank slot has no signal now
     return ros.ArvaData(id_, float(channel.d_cm), direction, channel.delta_deg, int(channel.zone))

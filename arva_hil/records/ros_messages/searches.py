@@ -1,4 +1,4 @@
-"""The messages of a search: frames heard, poses, beliefs, and the place found.
+"""The messages of a search: frames received, poses, estimates, and the place found.
 
 The frame `takeoff` is ENU with its origin at the take-off point.
 """

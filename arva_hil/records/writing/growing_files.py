@@ -32,7 +32,7 @@ class GrowingFiles:
     """New files in a folder. It keeps the bytes to write to each, and writes them now and then.
 
     - `last`: a file of JSON that `close` replaces. `first`: its content until then, None for no such file.
-    - `what`: the word for all files together, e.g. "a record".
+    - `what`: the name for all files together, e.g. "a record".
     - `folders`: the folders to make, outer ones first.
     - `patient`: the loop may wait for a slow disk, as in a replay, until 5 s after `broken_off()` is first true.
     - `clock`: real time, whatever the loop's clock is.

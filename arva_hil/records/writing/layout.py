@@ -145,11 +145,11 @@ _MOST_BYTES: Final = 1 << 25  # so that a vehicle that sends text for days does 
 class EventLines:
     """Makes the lines of events.jsonl: events as `--json` gives them, and two objects of its own.
 
-    An event that a person is told has a `notice` besides: its `level` (info, warning, error) and its `text`.
+    An event with a message to people has a `notice` besides: its `level` (info, warning, error) and its `text`.
 
     `first_frame`: its `time_s` is the time 0 of the frames on the clock of the events, and `utc` the same instant.
-    `status`: a StatusReport, once a second. What a search believes is also there once a second. Counts its bytes; after
-    32 MiB it makes one last line, `events_left_out`. `epoch_us`: microseconds since 1970 at the loop's time 0.
+    `status`: a StatusReport, once a second. The estimate of a search also comes once a second. After 32 MiB the last
+    line is `events_left_out`. `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
 
     def __init__(self, epoch_us: int) -> None:

@@ -35,7 +35,7 @@ def refuse_team(folder: Path, names: Sequence[str]) -> None:
 class SearchLog(GrowingFiles):
     """Writes `search.csv` and, at the end, `search.json` into a folder, which may contain the emulator's record too.
 
-    With `start_s` also the events that it is told, as lines of `search.jsonl`: the time 0 of the steps on their clock.
+    With `start_s`, the time 0 of the steps on their clock, it also writes the events, as lines of `search.jsonl`.
     `clock`: real time, independent of the loop's clock. Raises RecordError if the folder cannot be written or contains
     a search already.
     """
