@@ -3,7 +3,7 @@
 `BOUND_MS` is promised: after a report of a mode that was not ordered has reached this computer, an order leaves within
 that time or not at all. Three rules ensure it. Before every order the link is read until it is empty (the search
 client does so). An order that arms or changes the mode is sent only immediately after a report of the mode, so a pilot
-who switches after that report overrides the order, except while both are on their way. After a gap, in which this
+who switches after that report overrides the order, except while both are in transmission. After a gap, in which this
 program did not run, earlier reports do not count: the vehicle gets a TIMESYNC with a number of ours, and only reports
 that come after its answer are used.
 """
@@ -18,8 +18,8 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
 BOUND_MS: Final = 100
-_AT_ONCE_S: Final = 0.02  # an order is sent within this time after a report was read,
-_WAITED_S: Final = 0.25  # if the report had not waited to be read for longer than this
+_AT_ONCE_S: Final = 0.02  # send an order within this time after a report was read
+_WAITED_S: Final = 0.25  # a report may have waited this long before it was read
 SILENT_S: Final = 2.5  # without a report of the mode: it is not known any more who controls the vehicle
 _ASK_AGAIN_S: Final = 0.3
 
@@ -36,10 +36,10 @@ class Authority:
     def __init__(self) -> None:
         self.mode = -1
         self.wanted = -1
-        self._ours: frozenset[int] = frozenset()  # empty: every mode may be
-        self._news_s = -math.inf  # the last report came after this time,
-        self._read_s = -math.inf  # and was read at this time
-        self._since = -math.inf  # since when a report is awaited
+        self._ours: frozenset[int] = frozenset()  # empty: every mode is allowed
+        self._news_s = -math.inf  # the last report came after this time
+        self._read_s = -math.inf  # the time at which it was read
+        self._since = -math.inf  # start of the wait for a report
         self._question = 0  # the number of the unanswered TIMESYNC
         self._next_question = -math.inf
 

@@ -1,8 +1,8 @@
 """Flies a vehicle by orders: arm, take off, follow velocities, land. Messages in, messages out.
 
 Autopilots lose commands, acknowledge commands that they do not carry out, and refuse without an answer. So an order is
-repeated until the heartbeat or the height shows that it is carried out. The pilot always wins: `authority.py` says when
-an order may be sent; the sticks (`sticks.py`) and the battery (`complaints.py`) end our control too.
+repeated until the heartbeat or the height confirms it. The pilot always wins: `authority.py` decides when
+an order may be sent; the sticks (`sticks.py`) and the battery (`complaints.py`) end the control too.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from arva_hil.mavlink.codec import command, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
 _REPEAT_S: Final = 1.0
-_ARM_AGAIN_S: Final = 3.0  # each refused try is a message on every ground station
+_ARM_AGAIN_S: Final = 3.0  # each refused attempt is a message on every ground station
 _TAKE_OFF_AGAIN_S: Final = 5.0  # if it is acknowledged, but the vehicle is still on the ground
-_FLOWING_S: Final = 1.0  # of set-points, before PX4 is ordered to follow them
-_STOPPED_S: Final = 0.5  # of set-points with velocity 0, before none are sent any more
+_FLOWING_S: Final = 1.0  # send set-points this long before PX4 gets the order to follow them
+_STOPPED_S: Final = 0.5  # send set-points with velocity 0 this long before the last one
 _OWN_MODE_S: Final = 0.3  # after a stick: ArduPilot reads a mode switch after 0.2 s, and reports its mode at 10 Hz
 _PX4_YIELDS_S: Final = 5.0  # for Hold, which waits for no throttle
 _STILL: Final = (0.0, 0.0, 0.0)
@@ -67,10 +67,10 @@ class Commander(FlightState):
         self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
 
     def take_over(self, now: float) -> None:
-        """Follow velocities from the place where it hovers, armed, in a mode of somebody else. The heading is kept.
+        """Follow velocities from the place where it hovers, armed, in a mode that this program did not request.
 
-        The origin is below that place, at the height of home. If it does not follow, it is left in that mode. Raises
-        ValueError for a vehicle that cannot be flown by velocities.
+        The heading is kept. The origin is below that place, at the height of home. If the vehicle does not follow, it
+        is left in that mode. Raises ValueError for a vehicle that cannot be flown by velocities.
         """
         self._modes = modes_of(self._vehicle)
         place, home = self._session.track.last_position, self._session.home
@@ -210,7 +210,7 @@ class Commander(FlightState):
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         if not self.phase.active:
             return
-        # an order to arm may have been on its way
+        # an order to arm may be in transmission
         disarmed = self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S
         if (self.phase is Phase.LANDING or disarmed) and not armed:
             self.phase = Phase.ENDED
@@ -228,7 +228,7 @@ class Commander(FlightState):
     def _on_current_mode(self, message: Any, now: float) -> None:
         """Use the present mode; the intended mode is not used.
 
-        PX4 changes its mode when it disarms after a landing. The heartbeat shows that this was not the pilot.
+        PX4 changes its mode when it disarms after a landing. By the heartbeat this was not the pilot.
         """
         self.authority.on_mode(message.custom_mode, self._read_since, now)
         if self.phase.active and self.phase is not Phase.LANDING:

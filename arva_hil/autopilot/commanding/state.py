@@ -42,7 +42,7 @@ class Phase(Enum):
 
 
 _SILENT: Final = (Phase.IDLE, Phase.ENDED, Phase.LOST)
-_LIMITS: Final = {  # the time that a phase may take: s, and s per metre
+_LIMITS: Final = {  # limit of a phase: s, and s per metre
     Phase.ARMING: (math.inf, 0.0),
     Phase.CLIMBING: (30.0, 1.0),
     Phase.FLYING: (10.0, 0.0),

@@ -1,6 +1,6 @@
 """The questions to a vehicle before a search: the parameters of its failsafes and fence, and whether it is simulated.
 
-The failsafes say what the vehicle does if a search ends without orders. With default parameters it hovers, armed.
+The failsafes determine what follows the last set-point. With default parameters the vehicle hovers, armed.
 """
 
 from __future__ import annotations

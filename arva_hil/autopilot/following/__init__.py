@@ -1,1 +1,1 @@
-"""One vehicle followed: which one, its streams, its clock, what of it is believed, where it is."""
+"""One followed vehicle: its identity, streams, clock, checks of its values, and pose."""

@@ -12,7 +12,7 @@ from arva_hil.autopilot.following.pose_track import ClockMap
 from arva_hil.events.reasons import HeardSource, Reason, Why, because
 from arva_hil.mavlink.codec import Packet, dialect
 
-_MOST_SOURCES: Final = 32  # that are remembered; a hostile link may have 65,536
+_MOST_SOURCES: Final = 32  # remember at most so many; a hostile link may have 65,536
 _KINDS: Final = "GCS GIMBAL ADSB CAMERA ONBOARD_CONTROLLER ANTENNA_TRACKER"
 _NOT_VEHICLES: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
 
@@ -46,13 +46,13 @@ class Vehicle:
 
 
 class VehicleDiscovery:
-    """Remembers the sources heard. `system`, `component`: accept only these (default: any system, component 1)."""
+    """Remembers the sources received. `system`, `component`: accept only these (default: any system, component 1)."""
 
     def __init__(self, system: int | None, component: int | None) -> None:
         self._system = system
         self._component = dialect.MAV_COMP_ID_AUTOPILOT1 if component is None else component
         self._heard: dict[tuple[int, int, str], int] = {}
-        self.refused_vehicle = False  # an autopilot with other ids was heard
+        self.refused_vehicle = False  # an autopilot with other ids was received
 
     def vehicle(self, packet: Packet, heartbeat: Any) -> Vehicle | None:
         """Return the vehicle that sent a heartbeat; None if it is not an autopilot, or not the one asked for."""
@@ -74,7 +74,7 @@ class VehicleDiscovery:
 
     @property
     def sources(self) -> tuple[HeardSource, ...]:
-        """The sources heard."""
+        """The sources received."""
         return tuple(HeardSource(kind, s, c, n) for (s, c, kind), n in self._heard.items())
 
 
@@ -161,7 +161,7 @@ _LASTING: Final = 3  # values in a row, so that one wrong value does not count
 class Identity:
     """Remembers the clock and the position of one vehicle. `rate`: of its clock relative to ours.
 
-    `why`: the reason, once several messages in a row show that it is another vehicle. `doubtful`: the last value did
+    `why`: the reason, once several messages in a row are of another vehicle. `doubtful`: the last value did
     not fit this vehicle.
     """
 
@@ -189,7 +189,7 @@ class Identity:
         return self.place(boot, *place_of(message))
 
     def time(self, boot: float, now: float) -> bool:
-        """Return True if its clock may show `boot` [s] now."""
+        """Return True if its boot time may be `boot` [s] now."""
         strange = None
         if self._last is not None:
             boot_before, before = self._last

@@ -21,10 +21,12 @@ _SETTLE_S: Final = 0.5
 class Plausibility(Generic[T]):
     """Remembers the last value that was accepted, and the last one that was not.
 
-    `follows(old, new, gap_s)`: whether `new` can come `gap_s` after `old`. A value that cannot is stray. If two stray
-    values in a row fit each other, and the last accepted value is at least 0.5 s old, they replace it: a new start. So
-    a single stray value changes nothing, and of two sources at the same time the first one is used. `best(old, new)`:
-    the one of two accepted values to remember; by default the new one.
+    A value that cannot come after the last accepted one is an outlier. If two outliers in a row fit each other, and the
+    last accepted value is at least 0.5 s old, they replace it: a new start. So a single outlier changes nothing, and of
+    two sources at the same time the first one is used.
+
+    - `follows(old, new, gap_s)`: returns True if `new` can come `gap_s` after `old`.
+    - `best(old, new)`: returns the one of two accepted values to remember; by default the new one.
     """
 
     def __init__(self, follows: Callable[[T, T, float], bool], best: Callable[[T, T], T] | None = None) -> None:

@@ -19,8 +19,8 @@ from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.model.field.quaternion import Quaternion, multiply
 
 _WINDOW_S: Final = 1.0
-_STALL_S: Final = 0.5  # a longer silence counts as this long in the window,
-_LONGEST_STALL_S: Final = 5.0  # except one of at least this length, in which the clocks may have drifted apart
+_STALL_S: Final = 0.5  # count a longer silence as this long in the window
+_LONGEST_STALL_S: Final = 5.0  # after a silence of this length the clocks may have drifted apart
 _LEARN_S: Final = 2.0  # for measuring the rate of a clock
 _FASTEST: Final = 20.0
 
@@ -32,7 +32,7 @@ class ClockMap:
     difference is the offset, so a pose at a converted time is never from the future. The window is short because the
     clocks of autopilots run at other rates than the host's (a simulator's was measured 1.5 % slow, in steps of 0.15 s).
     A second with delays makes the pose older, never newer. Samples that come in a burst after a stall of the link were
-    late: they are compared with the samples before the stall, otherwise they would look new.
+    late: they are compared with the samples before the stall, otherwise they would seem new.
     """
 
     def __init__(self, window_s: float = _WINDOW_S) -> None:

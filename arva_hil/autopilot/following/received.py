@@ -10,7 +10,7 @@ from arva_hil.mavlink.codec import Packet, decode
 
 
 class Received(NamedTuple):
-    """The packets of one chunk, and what they show.
+    """The packets of one chunk, and their events.
 
     Each packet is in one of the first three lists. These are empty if the sender is not accepted.
     """

@@ -13,8 +13,8 @@ from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
 from arva_hil.mavlink.codec import RESULTS, command, dialect
 
 _MEASURE_S: Final = 2.0  # the window of a rate
-_JUDGE_S: Final = 1.0  # a rate is judged after this time,
-_SILENT_S: Final = 0.3  # or after this time if nothing came
+_JUDGE_S: Final = 1.0  # judge a rate after this time
+_SILENT_S: Final = 0.3  # judge a rate after this time if nothing came
 _LOOK_S: Final = 0.2  # after it was fast enough, at least
 _MOST_SEEN: Final = 1024
 _ENOUGH: Final = 0.7  # of the rate requested; a slower stream is requested again

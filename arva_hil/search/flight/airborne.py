@@ -120,7 +120,7 @@ class Flight(MissionRun):
         self._host = host
         self._worker = worker
         self._last_pose_s = start
-        self._down = 0.0  # ordered last, m/s
+        self._down = 0.0  # the last command, m/s
         self._detour = Detour(emit)
 
     def skip(self, now: float, seconds: float) -> None:

@@ -4,7 +4,7 @@ All searches of a vehicle have the same system and component. ArduPilot does not
 that send the same ids, but both autopilots forward a broadcast TUNNEL.
 
 A payload has the version, flags (1: launched), the vehicle's boot time at which the search began to follow it [ms], a
-random number that tells searches apart, and the name in ASCII. All numbers are little-endian.
+random number that distinguishes searches, and the name in ASCII. All numbers are little-endian.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 from arva_hil.mavlink.codec import Packet, decode, dialect, tunnel, untunnel
 
 CLAIM_TYPE: Final = 42073  # the payload type, in MAVLink's private range; a team's news have the one before
-QUIET_S: Final = 1.5  # after the first announcement no other search has objected: the vehicle may be armed
+QUIET_S: Final = 1.5  # arm after this time without an objection to the first announcement
 _VERSION: Final = 1
 _HEAD: Final = struct.Struct("<BBqQ")
 _LAUNCHED: Final = 1

@@ -255,7 +255,7 @@ class SearchClient:
             self._finish(*conclusion(mission))
 
     def _conclude_lost(self) -> None:
-        """End after a loss of control: the pilot has the vehicle, or nobody has it, which is a failure."""
+        """End after a loss of control: the pilot has the vehicle, or no one, which is a failure."""
         commander = self._commander
         assert self._session.vehicle is not None
         if commander.handed_over:

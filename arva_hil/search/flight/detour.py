@@ -1,4 +1,4 @@
-"""The check that a vehicle follows its set-points; if it does not, another way once, then the end of the search.
+"""The check that a vehicle follows its set-points; if it does not, one detour, then the end of the search.
 
 The horizontal velocity ordered is compared with the motion reported. Velocities are complex numbers, north + i·east.
 Over a window the motion is fitted as a multiple of the order. The factor is 1 for a vehicle that follows, 0 for one
@@ -111,7 +111,7 @@ def _is_enough(window: list[_Sample]) -> bool:
 
 
 class Detour:
-    """Remembers the one way aside, and until when it is flown."""
+    """Remembers the detour and its end."""
 
     def __init__(self, emit: Callable[[Event], None]) -> None:
         self._emit = emit

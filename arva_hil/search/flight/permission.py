@@ -30,8 +30,8 @@ class Question(Protocol):
 class Permission:
     """Remembers whether the vehicle is a simulator, and the person's answer.
 
-    `yes`: a person has allowed it beforehand. `question`: None if nobody can be asked. `dry_run`: nothing is armed, so
-    nobody is asked; the question is only reported.
+    `yes`: a person has allowed it beforehand. `question`: None without a terminal. `dry_run`: nothing is armed, so the
+    question is only reported.
     """
 
     def __init__(

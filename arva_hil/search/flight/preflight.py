@@ -118,10 +118,10 @@ class Preflight:
         self._next_report = 0
         self._checked_s = start
         self._failsafes_reported = False
-        self._alone = False  # whether nobody else read the receiver at the first check
+        self._alone = False  # True if no other program read the receiver at the first check
         self._waits_for: Lacking | None = None
         self._mode: int | None = None  # of the vehicle, since the last gap
-        self._taken = False  # whether somebody else has set the mode that follows set-points
+        self._taken = False  # True if another program has set the mode that follows set-points
         self._armed_since = math.inf
         self._greeted = False  # whether a heartbeat came since the autopilot's link was opened
 

@@ -17,7 +17,7 @@ from firmware_proto import Frame, FrameDecoder, HostForm
 
 _SILENT_S: Final = 2.0  # without a frame: the receiver does not work
 _MOST_READS: Final = 64
-_SHOWN: Final = 16  # bytes shown, if there is no frame in them
+_SHOWN: Final = 16  # report so many bytes, if there is no frame in them
 
 
 class ReceiverLink:
@@ -93,5 +93,5 @@ class ReceiverLink:
     def _write(self, data: bytes) -> bool:
         try:
             return bool(self.links) and self._link.write(data)
-        except LinkError:  # the next read says so
+        except LinkError:  # the next read reports it
             return False

@@ -17,11 +17,11 @@ from arva_hil.search.strategies.strategy import as_position
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_news import HeardAt
 
-_OLD_S: Final = 1.0  # an older pose does not say where the vehicle is
+_OLD_S: Final = 1.0  # an older pose is no place of the vehicle
 
 
 class TeamReport:
-    """Remembers what it has told. It tells also before the launch and after the search, while the vehicle is heard."""
+    """Remembers the last report. It reports also before the launch and after the search, while the vehicle sends."""
 
     def __init__(self, team: Teammate, session: Session, emit: Callable[[Event], None]) -> None:
         self._team = team
@@ -29,7 +29,7 @@ class TeamReport:
         self._emit = emit
         self._handed: dict[int, HeardAt] = {}
         self._lost: set[int] = set()
-        self._flying = False  # as it was told last
+        self._flying = False  # as in the last report
 
     def report_flown(
         self, now: float, place: tuple[float, float, float], origin: LocalFrame, mission: Mission | None

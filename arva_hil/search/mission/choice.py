@@ -1,4 +1,4 @@
-"""The transmitters that a search has heard; which one it flies to: the nearest."""
+"""The transmitters that a search has received, and the choice of the one to fly to: the nearest."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Frame
 from firmware_proto.measured import VectorChannel
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
-_NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor,
-_NEARER_S: Final = 1.0  # for so long: near one an antenna that is dead may not hear it for a moment
+_NEARER: Final = 0.7  # choose another transmitter only if it is nearer by this factor
+_NEARER_S: Final = 1.0  # choose it after this time: near a transmitter a dead antenna causes short gaps
 _DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
-_HARDLY_S: Final = 40.0  # or if it is in fewer frames than
-_OFTEN: Final = 0.25  # of those that could show it, and no
-_CLOSER: Final = 0.8  # times as far as before; then it is put off until it is so much nearer,
-_STEADY_S: Final = 5.0  # or as near as ever and in all frames for so long
+_HARDLY_S: Final = 40.0  # fly strips again below this share of frames
+_OFTEN: Final = 0.25  # frames that could have it; and its distance is at least
+_CLOSER: Final = 0.8  # this share of the best one; retry it below that distance
+_STEADY_S: Final = 5.0  # retry a postponed transmitter that was in all frames for this time
 _MOST_HEARD: Final = 16  # transmitters
 
 
@@ -65,18 +65,18 @@ def observations(
 
 
 def hidden(frame: Frame, id_: int | None) -> bool:
-    """Return True if a transmitter may be received though the frame has no reading of it: others are in its way."""
+    """Return True if a transmitter may be received though the frame has no reading of it: others mask it."""
     more = frame.status & (OVERLAP | MORE_TRANSMITTERS) or all(channel.valid for channel in frame.channels)
     return bool(more) or any(channel.id == id_ for channel in frame.channels)
 
 
 class Choice:
-    """Remembers the transmitters heard, the one that is flown to.
+    """Remembers the transmitters received, and the one that is flown to.
 
     `target`: its id or NO_ID, None before the first signal; `hunting`: False while strips are flown; `since_s`: when it
     was chosen. `guidance` gets the readings. `passes`: whether a transmitter is passed by; its second argument says
     whether it is flown to now. `most_s`: after that it flies to another one, and comes back to this one as to one that
-    is hardly heard.
+    is hardly received.
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class Choice:
         return there
 
     def forget(self, id_: int) -> None:
-        """Forget the readings of a transmitter; without an id, that it was heard too."""
+        """Forget the readings of a transmitter; without an id, its reception too."""
         self._guidance.forget(id_)
         if id_ == NO_ID:
             del self.heard[id_]

@@ -28,7 +28,7 @@ EXTRAS: Final[Mapping[int, float]] = {  # messages to request, Hz
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
 }
 FRESH_S: Final = 1.0  # a sample that is older is not used
-_GAP_S: Final = 0.5  # between two samples: the median begins anew
+_GAP_S: Final = 0.5  # after this gap between two samples the median begins again
 _SURVEY_FRESH_S: Final = 3.0  # of the terrain database
 _GPS_FRESH_S: Final = 3.0
 _HAS_ONE_S: Final = 10.0  # after a pressure, the vehicle has a barometer for this long

@@ -1,4 +1,4 @@
-"""The last look at a place: whether the newest readings agree with it, or its transmitter has moved since."""
+"""The last check of a place: the newest readings agree with it, or its transmitter has moved."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ LOOK_AGAIN: Final = "they do not: the search visits the transmitter again"
 NOT_THERE: Final = "they do not, and the transmitter was visited again before"
 
 _MANY: Final = 0.7  # of the newest readings: they contradict the place
-_AGAIN: Final = 2  # times that transmitters are looked for again
-_SAME_M: Final = 1.0  # apart: a place that was found twice is right, and the readings there are wrong
+_AGAIN: Final = 2  # visit a transmitter again at most so many times
+_SAME_M: Final = 1.0  # a place that was found twice within this distance is right, and the readings are wrong
 
 
 class LastLook:

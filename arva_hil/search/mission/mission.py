@@ -1,7 +1,7 @@
 """A search from the end of the take-off on: velocities from frames and poses, without bytes or links.
 
-Before the first signal it flies strips. Then a strategy flies to one transmitter, the nearest that is heard. If more
-than one is searched for, each place is noted and marked, and the search goes on from there at the same height.
+Before the first signal it flies strips. Then a strategy flies to one transmitter, the nearest one. If more
+than one is searched for, each place is recorded and marked, and the search goes on at the same height.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from firmware_proto import Frame
 
 _THERE_M: Final = 0.5  # from the place found
 _BELIEF_S: Final = 0.5  # between estimates that are reported
-_LONG_S: Final = 240.0  # on the way to one transmitter: then another one of a team may have more luck
+_LONG_S: Final = 240.0  # leave a transmitter to the team after this time
 
 
 class Mission:
@@ -70,7 +70,7 @@ class Mission:
         self.start_s = start_s
         self.ended: Reason | None = None
         self.broken = False
-        self.found: Found | None = None  # it flies above this place, to end there or to note it
+        self.found: Found | None = None  # it flies above this place, to end there or to record it
         self.sure = True
         self.position = position  # the last one used
         self.searched_s = self.path_m = 0.0
@@ -179,7 +179,7 @@ class Mission:
 
     @property
     def others(self) -> dict[int, HeardTransmitter]:
-        """The transmitters that were heard and not found."""
+        """The transmitters received and not found."""
         heard, target = self.choice.heard, self.choice.target
         if self.victims.several:
             return {id_: one for id_, one in heard.items() if not self.victims.knows(id_)}
@@ -251,7 +251,7 @@ class Mission:
         return self._add_victim(found, time_s, position, late=late)
 
     def _add_victim(self, found: Found, time_s: float, position: Position, *, late: bool) -> Velocity:
-        """Note the place, wait for the receiver to mark it, and go on to the next."""
+        """Record the place, wait for the receiver to mark it, and go on to the next."""
         victims, target = self.victims, self.choice.target
         assert target is not None
         if not victims.unreported:

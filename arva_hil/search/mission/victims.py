@@ -27,15 +27,15 @@ from arva_hil.search.strategies.strategy import Found, Observation, Position
 from firmware_proto import MORE_TRANSMITTERS, Frame
 from firmware_proto.commands import DONE, IDENTIFY, MARK, UNKNOWN
 
-_MOST_TRIES: Final = 6  # of a mark while it hovers: overlapping pulses refuse some
-_NEXT_TRY_S: Final = 1.3  # about a pulse later
-_AGAIN_S: Final = 5.0  # between tries of a mark that was lost,
-_NEAR_CM: Final = 600  # so near to it: farther away receivers refuse
-_SIGMA_M: Final = 0.4  # of a place whose strategy tells none
+_MOST_TRIES: Final = 6  # of a mark in one hover: overlapping pulses make some fail
+_NEXT_TRY_S: Final = 1.3  # between two tries: about one pulse
+_AGAIN_S: Final = 5.0  # between tries to set a lost mark again
+_NEAR_CM: Final = 600  # try it within this distance: receivers refuse distant marks
+_SIGMA_M: Final = 0.4  # of a place without a sigma of the strategy
 _WITHIN: Final = 2.45  # sigma: 95 % of a place
-_LEAST_M: Final = 1.0  # apart, that two places are two
-_THERE_M: Final = 2.0  # from where somebody was heard
-_LONG_S: Final = 240.0  # for one transmitter, while another is heard or there are strips left
+_LEAST_M: Final = 1.0  # two places nearer than this are one
+_THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
+_LONG_S: Final = 240.0  # limit for one transmitter, while others or strips are left
 
 
 @dataclass(frozen=True)
@@ -64,17 +64,17 @@ def probing_order(victims: list[Victim]) -> tuple[Victim, ...]:
 
 
 class Victims:
-    """Remembers who was found, under which ids, who is marked, and who is put aside.
+    """The transmitters found, with their ids and marks, and those that are postponed.
 
-    `wanted`: how many are searched for, None: all; `several`: not exactly one. `host`: the receiver's, None if it takes
-    no commands. `emit` gets the events.
+    `wanted`: the number to find, None: all. `several`: it is not 1. `host`: commands to the receiver, None if it takes
+    none. `emit` gets the events.
     """
 
     def __init__(self, wanted: int | None, host: ReceiverHost | None, emit: Callable[[Event], None]) -> None:
         self.wanted = wanted
         self.several = wanted != 1
         self.places: list[Victim] = []
-        self.unreported = False  # a place is added, and not told yet
+        self.unreported = False  # a place is added, and not reported yet
         self._host = host
         self._emit = emit
         self._known: dict[int, int] = {}  # which place is a transmitter's

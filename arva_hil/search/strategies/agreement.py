@@ -34,9 +34,9 @@ _FINE_M: Final = 0.2  # an error of the receiver's place that is no surprise
 _NEWEST: Final = 0.4  # of the newest readings, at most, may be outliers
 _NEWEST_S: Final = 10.0
 _KNOWN_M: Final = 0.1  # error of the receiver's place, at least, for the check
-_CAUTION: Final = 2.0  # times its sigma: readings are not as independent as the fit believes
+_CAUTION: Final = 2.0  # times its sigma: readings are less independent than in the fit
 _SINCE: Final = 0.3  # of a drift: what it is more since then
-_CONTRADICTS: Final = 4.0  # variances: readings beyond contradict a place that was told before
+_CONTRADICTS: Final = 4.0  # variances: larger deviations contradict a place reported before
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class Evidence(History):
             self.read(o)
 
     def judge(self, place: tuple[float, float]) -> Judgement | None:
-        """Judge a transmitter at `place` (north, east); None if nothing that was heard lies near it."""
+        """Judge a transmitter at `place` (north, east); None without a reading near it."""
         judgement = judged(place, self.explanations(beginning(place, self))) if self.nearest else None
         self._there = judgement.there if judgement else None
         return judgement

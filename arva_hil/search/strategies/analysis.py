@@ -26,10 +26,10 @@ from arva_hil.search.strategies.explained import dipole_at
 from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Strategy, Velocity
 
 _REMEMBERED: Final = 256  # observations of each transmitter
-_NEWEST_S: Final = 2.0  # of readings that show whether a transmitter is still there,
-_LEAST, _NEWEST = 4, 20  # how many at least, be they older, and at most,
-_BESIDE_M: Final = 0.5  # and from how far: so near it is no dipole
-_MOST_HYPOTHESES: Final = 64  # of a belief
+_NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
+_LEAST, _NEWEST = 4, 20  # least and largest number of them; the least may be older
+_BESIDE_M: Final = 0.5  # least distance of them: nearer the field is no dipole's
+_MOST_HYPOTHESES: Final = 64  # of an estimate
 _CURE: Final = "mend it, and fly it in arva-hil demo first"
 _AT_A_TIME: Final = 32  # readings of the past that a new strategy gets in one batch
 

@@ -1,4 +1,4 @@
-"""A circle about the place of a transmitter, which is read from all sides there before it is told."""
+"""A circle about the place of a transmitter, for readings from all sides before it is reported."""
 
 from __future__ import annotations
 

@@ -12,19 +12,19 @@ from arva_hil.search.strategies.strategy import Position
 _LOW: Final = 1.3  # times the least d: where d is low
 _REACH: Final = 0.7  # times the least d: how far past that an arm goes, so that no false minimum ends it
 _SHORTEST_M: Final = 1.5  # of such a reach
-_TOGETHER_S: Final = 0.4  # readings that come within it are one: fifty a second would be many to look through
+_TOGETHER_S: Final = 0.4  # average readings within this time: fifty a second are too many
 _AT_M: Final = 0.5  # so close to a place is there
 _SETTLED_M: Final = 0.5  # a middle that moved less stays
 _MOST_ARMS: Final = 8
 
 Place = tuple[float, float]  # north, east; m
-Reading = tuple[float, float]  # along the arm, m; power of the field, d⁻⁶: 0 where nothing is heard
+Reading = tuple[float, float]  # along the arm, m; power of the field, d⁻⁶: 0 without a signal
 
 
 class Cross:
     """Remembers the present arm, an axis through the middle of the last one, and the readings along it.
 
-    An arm begins at `centre` and goes both ways until d is not low any more, plus a reach. Its middle is the next
+    An arm goes from `centre` in both directions until d is not low any more, plus a reach. Its middle is the next
     centre. `settled`: the centre has stayed. `course`: of the first arm [rad from north].
     """
 

@@ -30,15 +30,15 @@ _ONE: Final = np.eye(6)
 # Variances of a reading, relative to the field or in radians².
 _NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
 _ANY: Final = 1.0  # of a reading that says nothing
-_ROUNDING: Final = (0.01**2, 0.02**2)  # of d, of δ, and of what nobody thought of
+_ROUNDING: Final = (0.01**2, 0.02**2)  # of d, of δ, and of unknown causes
 _TILT: Final = 0.03**2  # of the receiver's attitude
-_SILENCE: Final = (50.0, 0.1**2)  # where hearing ends, m, and of that edge
+_SILENCE: Final = (50.0, 0.1**2)  # the limit of reception [m], and its width
 TAIL: Final = 9.0  # variances; beyond, a squared error counts for less and less
 
 _POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # sigmas thought possible of the receiver's place, m
 WIDE: Final = np.geomspace(0.03, 10.0, 16)  # of a place that may be wrong
 USUAL: Final = (0.1, 0.8)  # of such a sigma: its median, and the sigma of its logarithm
-_MODESTY: Final = 1.6  # a fit makes its own errors look smaller than they are
+_MODESTY: Final = 1.6  # a fit underestimates its own errors
 
 FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best one's
 SETTLED: Final = 0.01  # of a cost: two rounds in a row that gain less are the last
@@ -91,7 +91,7 @@ class DipoleReadings:
         """Add a reading, in place of the weakest if there are too many.
 
         The receiver at `position` NED [m], turned by `rotation` (3, 3) to NED; d in metres, not above 0 when
-        nothing was heard; δ in radians.
+        there was no signal; δ in radians.
         """
         n = len(self.said)
         i = n if n < MOST else 1 + int(np.argmin(self.said.real[1:]))

@@ -1,7 +1,7 @@
 """A search that estimates the place of the transmitter from the field of a dipole, and flies there.
 
 Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
-flies to their average, which separates them. Before it stops, it looks for other hypotheses again, and flies a circle
+flies to their average, which separates them. Before it stops, it samples other hypotheses again, and flies a circle
 about the place. Readings that are late, places that drift as those of a GPS, dead antennas, and electronics that drown
 what is far off are noticed and taken into account.
 """
@@ -22,35 +22,35 @@ from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again
 from .history import NOTHING, Explanation
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
-_STEP_M: Final = 0.48  # flown between two readings that are kept,
-_STEP_S, _DRIFTING_S = 0.2, 1.5  # and the time at least; where places drift
-_SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # apart by less: place over distance, and moment
+_STEP_M: Final = 0.48  # flown between two readings that are kept
+_STEP_S, _DRIFTING_S = 0.2, 1.5  # least time between them; under a drift
+_SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # smaller differences are none: place over distance, and moment
 _MANY: Final = 40
 _ROUNDS: Final = 2
-_DOUBTS: Final = (4, 4)  # rounds again, before it stops
-_CAUTION: Final = 2.0  # of the covariance: readings are not as independent as the fit believes
+_DOUBTS: Final = (4, 4)  # further rounds, before it stops
+_CAUTION: Final = 2.0  # times the covariance: readings are less independent than in the fit
 _SURE_M: Final = 0.3  # sigma
 _HERE_M: Final = 0.5
-_NEAR_M: Final = RADIUS_M + 0.5  # from there it circles,
-_ASTRAY_M: Final = RADIUS_M + 1.5  # and not any more when so far away
-_MISFIT_M: Final = 0.6  # a pose error that tells rather of a wrong hypothesis
-_AFRESH: Final = 5  # readings between two looks for other hypotheses
-_LOST: Final = 6  # readings in a row in which nothing was heard
-_TURN_M: Final = 2.5  # first turn of the spiral in which more is learnt
+_NEAR_M: Final = RADIUS_M + 0.5  # begin to circle within this distance
+_ASTRAY_M: Final = RADIUS_M + 1.5  # end the circle beyond this distance
+_MISFIT_M: Final = 0.6  # a larger pose error means a wrong hypothesis
+_AFRESH: Final = 5  # readings between two samples of hypotheses
+_LOST: Final = 6  # readings in a row without a signal
+_TURN_M: Final = 2.5  # radius of the first turn of the spiral, flown for more readings
 _GAIN: Final = 1.5  # 1/s
-_AVERAGE_M: Final = 0.6  # sigma of a place that drifts: so small it becomes
-_AVERAGE_S: Final = 120.0  # or it listens for so long
-_EXPLAIN_EVERY: Final = 15  # readings between two looks for how late they are,
-_EXPLAIN_LATER, _EXPLAIN_DRIFTING = 60, 30  # and when not, and when they are known to drift,
-_ODD_M: Final = 0.3  # when their places seem wrong by so much
-_EVIDENT: Final = 16.0  # another cause is believed if it is more likely by e^16,
-_LATE_S: Final = 1.0  # readings that are later by more need another circle
-_LIKELY: Final = 3.0  # at the end, a drift by e^3,
-_LIKELIER: Final = 6.0  # and any by e^6 where the place is doubtful
-_UNLIKELY: Final = 9.0  # a drift that is less likely by e^9 is none
-_DOUBTFUL_S: Final = 90.0  # then the place is told as it is,
-_LONGEST_S: Final = 240.0  # and so long after it first came above a place, whatever has happened since
-_DRIFT: Final = 0.3  # of a drift: what sigma may be more of the place where it hovers
+_AVERAGE_M: Final = 0.6  # sigma to reach of a place under a drift
+_AVERAGE_S: Final = 120.0  # time after which the circle ends with a larger sigma
+_EXPLAIN_EVERY: Final = 15  # readings between two estimates of their delay
+_EXPLAIN_LATER, _EXPLAIN_DRIFTING = 60, 30  # the same under a known drift
+_ODD_M: Final = 0.3  # estimate it if the places seem wrong by this
+_EVIDENT: Final = 16.0  # accept another cause if it is more likely by e^16
+_LATE_S: Final = 1.0  # readings with a larger delay need another circle
+_LIKELY: Final = 3.0  # at the end, accept a drift if it is more likely by e^3
+_LIKELIER: Final = 6.0  # accept any cause by e^6 if the place is doubtful
+_UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
+_DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
+_LONGEST_S: Final = 240.0  # the same after the first hover above a place, in any case
+_DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
 class Estimate:
@@ -127,7 +127,7 @@ class Estimate:
         self._steer(o, self._strongest)
 
     def _listen(self, o: Observation) -> None:
-        """Circle about the place before it is told. Causes may change, but it ends in bounded time."""
+        """Circle about the place before it is reported. Causes may change, but it ends in bounded time."""
         near = self._near(o, _NEAR_M)
         if near:
             self._above_s = min(self._above_s, o.time_s)
@@ -172,7 +172,7 @@ class Estimate:
         return agrees
 
     def _may_drift(self, every: Sequence[Explanation], time_s: float) -> bool:
-        """Return True if the readings of another circle are needed to tell a usual drift from none."""
+        """Return True if the readings of another circle are needed to distinguish a usual drift from none."""
         least = min(one.cost for one in every)
         drifts = any(one.cause.drift_m >= DRIFTS_M[0] and one.cost < least + _UNLIKELY for one in every)
         return drifts and self._cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _AVERAGE_S
@@ -210,7 +210,7 @@ class Estimate:
         return not lower
 
     def _doubt(self, o: Observation) -> None:
-        """Look for other hypotheses once more."""
+        """Sample other hypotheses once more."""
         assert self._strongest is not None
         if self._cause.drift_m:
             return

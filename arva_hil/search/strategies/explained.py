@@ -16,7 +16,7 @@ _DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # to begin with, below the ground, m
 _POSE_M: Final = 0.3  # error of the receiver's place
 _ROUNDS: Final = 20
 _NEAR: Final = 0.8  # of d as it would be: a reading of something nearer is another's
-_ALIKE: Final = 1.2  # times that d: beyond, δ does not tell them apart
+_ALIKE: Final = 1.2  # times that d: beyond, δ does not distinguish them
 _ASIDE_DEG: Final = 40.0  # of δ
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Explained:
         self._dipoles.append(x)
 
     def explain(self, o: Observation) -> bool:
-        """Return True if a reading is of one of them. The receiver shows the nearest: another's would be nearer."""
+        """Return True if a reading is of one of them. The frame has the nearest: another's would be nearer."""
         return any(self._explains(x, o) for x in self._dipoles)
 
     def _explains(self, x: Array, o: Observation) -> bool:

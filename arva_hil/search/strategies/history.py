@@ -1,8 +1,8 @@
 """The readings of one transmitter with the receiver's poses, and their explanations.
 
 A receiver, its cable or its host may be late, the places reported may drift, an antenna may be dead or detuned, and
-electronics near it may make it deaf; and the transmitter may have moved. The way flown tells which it is: several are
-tried.
+electronics near it may make it deaf; and the transmitter may have moved. Several of these
+causes are tried on the readings.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _FEW, _FEWER = 3, 2  # hypotheses; where places drift
 _PASSES: Final = ((2, 12), (4, _FEW), (6, _FEW))  # rounds, and the hypotheses that are kept after them
 _ODD: Final = 4.0  # cost of anything but the usual drift
 _NEWEST: Final = 32  # readings that are all used
-_FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
-_DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the ground [m]
-_STRENGTH: Final = 2.3  # and has at most so many times the reference transmitter's moment, or that part of it,
-OUTLIERS: Final = 0.15  # and at most that share of the readings is off
-ROUGH_M, ROUGHLY = 0.5, 9.0  # by more than an error of the receiver's places that is no surprise, and such a variance
+_FITS_M: Final = 0.08  # up to this error of the places no lag or drift is tried
+_DOWNS: Final = (-2.5, 3.5)  # usual depth of a transmitter below the ground [m]
+_STRENGTH: Final = 2.3  # usual moment: up to so many times the reference transmitter's, or that part of it
+OUTLIERS: Final = 0.15  # accept at most this share of outliers
+ROUGH_M, ROUGHLY = 0.5, 9.0  # an outlier exceeds this error of the places, and this variance
 _time: Final = operator.attrgetter("time_s")
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Cause(NamedTuple):
     since_s: float = -math.inf
 
 
-NOTHING: Final = Cause()  # is wrong
+NOTHING: Final = Cause()  # the readings need no explanation
 _CAUSES: Final = (
     *(Cause(lag_s=lag_s) for lag_s in _LAGS_S),
     *(Cause(gains=gains) for gains in _GAINS),

@@ -23,7 +23,7 @@ class Observation(NamedTuple):
     `rotation`: matrix receiver FRD → NED, shape (3, 3). `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 means
     no signal. `inner`: the inner zone, where d_cm is from all three antennas and delta_deg has no meaning. `ground`:
     the ground below, down from the take-off point [m]; None if the vehicle does not know it. `signal`: the signed
-    signals of the three antennas, in any unit, and `age_s`, the time since then, from receivers that tell them.
+    signals of the three antennas, in any unit, and `age_s`, the time since then, from receivers that send them.
     """
 
     time_s: float

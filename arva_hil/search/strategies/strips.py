@@ -1,4 +1,4 @@
-"""The way before the first signal: parallel strips over an area, as rescuers search."""
+"""The strips flown before the first signal: parallel lanes over an area, as rescuers search."""
 
 from __future__ import annotations
 

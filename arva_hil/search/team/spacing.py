@@ -1,7 +1,7 @@
 """The spacing of the vehicles of a team: none flies, descends or lands where another one is.
 
 Each limits only what it does with its own vehicle. Of two that want to be at one place, one has precedence: it goes on,
-and the other one makes room. All make room for one in the air that is not heard any more: it flies on for some seconds
+and the other one makes room. All make room for a silent one in the air: it flies on for some seconds
 by its last velocity, then it may climb, come down, or hover for the rest of the search.
 """
 
@@ -15,16 +15,16 @@ from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.strategies.strategy import Position
 from arva_hil.search.team.team_news import News
 
-NEAR_M: Final = 6.0  # horizontally, and
-_LEVEL_M: Final = 2.5  # vertically: nearer to another one it does not fly
-_BELOW_M: Final = 8.0  # it does not descend onto one that is less below
-_OVER_M: Final = 4.0  # or, if that one has landed, so much
-_ROOM_M: Final = 9.0  # horizontally: so far it makes room
-_OVERDUE_S: Final = 1.0  # without news: it may be nearer than it was, and at any height
+NEAR_M: Final = 6.0  # least horizontal distance to another vehicle
+_LEVEL_M: Final = 2.5  # least vertical distance to another vehicle
+_BELOW_M: Final = 8.0  # no descent onto a vehicle that is less below
+_OVER_M: Final = 4.0  # the same, if that vehicle has landed
+_ROOM_M: Final = 9.0  # make room up to this horizontal distance
+_OVERDUE_S: Final = 1.0  # after this time without news a vehicle may be nearer, and at any height
 _COASTS_S: Final = 3.0  # as long as an autopilot follows its last velocity: GUID_TIMEOUT
 _UP_M: Final = 4.0  # horizontally: nearer under another one it does not take off; a team may stand 5 m apart, and
 _ABOVE_M: Final = 1.0  # vertically: one that is less above takes off at the same time
-_DIRECTIONS: Final = 24  # in which a free place is looked for
+_DIRECTIONS: Final = 24  # radius of the search for a free place
 _ROUNDING: Final = 1e-9  # m/s
 
 Direction = tuple[float, float]  # north, east
@@ -33,7 +33,7 @@ Direction = tuple[float, float]  # north, east
 class Near(NamedTuple):
     """Another vehicle, seen from one's own: the direction (a unit vector), the distance and how far below [m].
 
-    `apart_m`: nearer to it one does not fly, horizontally. `overdue`: it is in the air and was not heard just now.
+    `apart_m`: the least horizontal distance. `overdue`: it is in the air, and its news are late.
     """
 
     other: News
@@ -46,7 +46,7 @@ class Near(NamedTuple):
 
     @property
     def room_m(self) -> float:
-        """So far room is made for it, horizontally."""
+        """Horizontal distance up to which room is made for it."""
         return self.apart_m if self.overdue else _ROOM_M
 
     @property
@@ -105,7 +105,7 @@ def kept_apart(
     """Return the velocity (NED, m/s) without the parts that lead to another vehicle.
 
     It also leads away from vehicles that have precedence, at `speed` from 3 m closer on. `edges`: directions in which
-    the vehicle does not give way.
+    the vehicle makes no room.
     """
     wanted, down = velocity[:2], velocity[2]
     for one in room_for:

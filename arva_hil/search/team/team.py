@@ -1,7 +1,6 @@
-"""Several searches, each of its own vehicle: who searches where, who flies to which transmitter, how they keep apart.
+"""Several searches, each of its own vehicle: their parts of the area, their transmitters, and their distances.
 
-Each tells the others where it is, what it flies to and what it has found. Nobody gives orders to another's vehicle:
-what is told only changes what the one that hears it does with its own.
+Each reports its place, its transmitter and what it has found. A search commands its own vehicle only.
 """
 
 from __future__ import annotations
@@ -19,16 +18,16 @@ from arva_hil.search.team.spacing import Near, apart_m, clear_of, goes_first, ke
 from arva_hil.search.team.team_field import TeamField, layer_m
 from arva_hil.search.team.team_news import MOST_HEARD, HeardAt, News
 
-_EVERY_S: Final = 0.2  # how often it tells
-_OLD_S: Final = 5.0  # without news of it, another one's transmitter and part of the area are free again
-_ABSENT_S: Final = 60.0  # from its own first news: then the parts of those that were never heard are free
-_MUCH_NEARER: Final = 0.5  # times as far: it has the transmitter then, whoever flies there
-_THERE_M: Final = 2.0  # from where a transmitter was heard
+_EVERY_S: Final = 0.2  # period of its reports
+_OLD_S: Final = 5.0  # after this silence, a search's transmitter and part of the area are free again
+_ABSENT_S: Final = 60.0  # after its own first news: the parts of searches that sent nothing are free
+_MUCH_NEARER: Final = 0.5  # a search at this share of the distance gets the transmitter
+_THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
 _OUTSIDE_M: Final = 20.0  # of the area: another vehicle drives it no farther, and sends it no farther
 
 
 class Teammate:
-    """Remembers what the other searches have told last. `number`: its own; the lower one goes first in a conflict.
+    """Remembers the newest news of the other searches. `number`: its own; the lower one goes first in a conflict.
 
     `send`: passes news on to the others. `field`: what they divide; None: each searches its plan's own area.
     """
@@ -43,12 +42,12 @@ class Teammate:
         self._part: int | None = number  # that it searches
         self._flown: set[int] = set()
         self._own: set[int] = set()  # transmitters that it has found
-        self._visited: set[int] = set()  # whom it did not find where they were heard
+        self._visited: set[int] = set()  # transmitters that it did not find at the places of reception
         self._began = math.inf
         self._others: dict[int, News] = {}
         self._told: News | None = None
         self._now = -math.inf
-        self._deaf_until_s = -math.inf  # it could not hear anybody
+        self._deaf_until_s = -math.inf  # it could not receive news
         self._speed = 1.0
         self._area: Area = (-math.inf, -math.inf, math.inf, math.inf)  # of all, from its take-off point
 
@@ -92,7 +91,7 @@ class Teammate:
     def taken(self, id_: int, *, own: bool, metres: float = math.inf) -> bool:
         """Return True if a transmitter is another one's: found, or flown to. `own`: it flies there itself.
 
-        `metres`: how near it has heard it. Of two that fly there the one that has heard it twice as near goes on,
+        `metres`: its smallest distance. Of two that fly there the one with half the distance goes on,
         otherwise the lower number.
         """
         hunted = any(self._hunts(other, id_, own=own, metres=metres) for other in self._others.values())
@@ -133,7 +132,7 @@ class Teammate:
     def yields(self) -> bool:
         """True if it gives up another one's part, which is flown, or which that one or a lower number searches too.
 
-        It gives up its own part to nobody: a part is not flown because somebody says so.
+        It never gives up its own part: news may be wrong.
         """
         part = self._part
         if part is None or part == self.number:
@@ -183,7 +182,7 @@ class Teammate:
     def beside(self, place: tuple[float, float]) -> tuple[float, float]:
         """Return the point to land, north and east of its take-off point: at a place, or beside vehicles near it.
 
-        These do not give way: they have landed, are silent, or descend themselves and have precedence.
+        These make no room: they have landed, are silent, or descend themselves and have precedence.
         """
         every = self._others.values()
         taken = [other for other in every if not other.flying or self._is_old(other) or self._ends_before(other)]
@@ -232,8 +231,8 @@ class Teammate:
     def apart(self, position: Position, velocity: Position, speed: float) -> Position:
         """Return the velocity without the part that leads to another vehicle, at most `speed` [m/s] horizontally.
 
-        The vehicle gives way to one at its height that has precedence, and to one that descends. Both vectors are NED
-        from its take-off point.
+        The vehicle makes room for one at its height that has precedence, and for one that descends. Both vectors are
+        NED from its take-off point.
         """
         near = self._neighbours(position)
         room_for = [one for one in near if self._makes_room(one)]

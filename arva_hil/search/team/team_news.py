@@ -10,7 +10,7 @@ MOST_HEARD: Final = 7  # transmitters that one hands over
 
 
 class HeardAt(NamedTuple):
-    """A transmitter that was heard: its id, how near at best, and the latitude and longitude of the vehicle then."""
+    """A received transmitter: its id, its smallest distance, and latitude and longitude of the vehicle there."""
 
     id: int
     metres: float
@@ -20,14 +20,16 @@ class HeardAt(NamedTuple):
 
 @dataclass(frozen=True)
 class News:
-    """The news of one search for the others. `number`: its own; `time_s`: on the common clock.
+    """The news of one search for the others.
 
-    `lla`: of its vehicle, degrees, degrees, metres AMSL; `flying`: whether it is in the air. `hunting`: the id of the
-    transmitter it flies to, or None; `hunting_m`: how near it has heard that one; `found`: the ids of those that it has
-    found surely. `part`: of the area, which it searches, None if it does not search strips any more; `flown`: the parts
-    of which all strips are flown, as far as it knows. `free`: its strips are flown, and it flies to none. `heard`: the
-    transmitters that it has heard and knows nobody to have found, at most 7. `lost`: it does not know any more where
-    its vehicle is; it was at `lla`.
+    - `number`: of the search. `time_s`: on the common clock.
+    - `lla`: place of its vehicle, degrees, degrees, metres AMSL. `flying`: the vehicle is in the air.
+    - `lost`: the place is not known any more; `lla` is the last one.
+    - `hunting`: id of the transmitter that it flies to, or None. `hunting_m`: its smallest distance to that one [m].
+    - `found`: ids of the transmitters that it has found for sure.
+    - `heard`: transmitters that it has received and that no search has found, at most 7.
+    - `part`: the part of the area that it searches, None without strips. `flown`: the parts with all strips flown.
+    - `free`: its strips are flown, and it flies to no transmitter.
     """
 
     number: int
