@@ -76,6 +76,11 @@ class Registry:
         """Return all names: the built-in ones, then those of other packages."""
         return list(dict.fromkeys([*self.built_in, *sorted(entry.name for entry in self._entries())]))
 
+    def packages(self) -> dict[str, str]:
+        """Return the package of each kind that is not built in, by name. Imports none of them."""
+        others = sorted((entry.name, _package(entry)) for entry in self._entries())
+        return {name: package for name, package in others if name not in self.built_in}
+
     def _entries(self, name: str | None = None) -> list[EntryPoint]:
         from importlib.metadata import entry_points  # slow to import
 
@@ -86,7 +91,7 @@ class Registry:
         entries = self._entries(name)
         if not entries:
             raise self._unknown(name)
-        packages = [f"{one.dist.name} {one.dist.version}" if one.dist else one.value for one in entries]
+        packages = [_package(one) for one in entries]
         if len(entries) > 1:
             raise KindError(
                 f"{self.what} {name!r} is in {len(entries)} packages, {' and '.join(packages)}", "uninstall one of them"
@@ -155,6 +160,10 @@ class Registry:
     def _broken(self, name: str, package: str, why: str) -> KindError:
         cure = f"mend that package, or uninstall it: pip uninstall {package.partition(' ')[0]}"
         return KindError(f"{self.what} {name!r} of the package {package} {why}", cure)
+
+
+def _package(entry: EntryPoint) -> str:
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.value
 
 
 @contextmanager

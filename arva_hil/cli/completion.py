@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Callable
 from typing import Final
 
+from arva_hil import registry
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show
+from arva_hil.errors import KindError
 from arva_hil.registry import EXPORTS, FORMATS, STRATEGIES
 
 _FILES: Final = (
@@ -43,21 +47,25 @@ def main(options: argparse.Namespace) -> int:
     from arva_hil.cli.main import COMMANDS
 
     root = CommandParser(prog="arva-hil")
-    _add_options(root, "run")  # the default command
+    _add_options(root, arguments_of("run"))  # the default command
     root.add_argument("--version", action="store_true", help="print the version")
     commands = root.add_subparsers()
     for name, what in COMMANDS.items():
-        _add_options(commands.add_parser(name, help=what), name)
+        _add_options(commands.add_parser(name, help=what), arguments_of(name))
+    for name, package in registry.COMMANDS.packages().items():
+        parser = commands.add_parser(name, help=f"of the package {package}")
+        with contextlib.suppress(KindError):  # a package that is broken says so when its command is used
+            _add_options(parser, registry.COMMANDS[name].options)
     for line in shtab.complete(root, options.shell).expandtabs().splitlines():
         show(line)
     return OK
 
 
-def _add_options(parser: CommandParser, command: str) -> None:
+def _add_options(parser: CommandParser, add: Callable[[CommandParser], None]) -> None:
     """Add the options of a command, and mark those that take file names."""
     import shtab
 
-    arguments_of(command)(parser)
+    add(parser)
     for action in parser.arguments:
         if action.metavar in _FILES:
             action.complete = shtab.FILE  # type: ignore[attr-defined]

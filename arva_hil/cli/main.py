@@ -156,9 +156,9 @@ def _command(arguments: list[str]) -> Callable[[], int] | None:
     """Return the command that the arguments name, imported, with its options. None: the help was printed."""
     arguments = ["--help" if argument in ("-help", "-?", "/?") else argument for argument in arguments]
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
-        for line in HELP.format(
-            commands="\n".join(f"  {name:<10} {what}" for name, what in COMMANDS.items())
-        ).splitlines():
+        others = {name: f"of the package {package}" for name, package in registry.COMMANDS.packages().items()}
+        lines = "\n".join(f"  {name:<10} {what}" for name, what in (COMMANDS | others).items())
+        for line in HELP.format(commands=lines).splitlines():
             show(line)
         return None
     if arguments[:1] == ["--version"]:

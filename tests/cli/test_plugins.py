@@ -173,6 +173,8 @@ def test_a_file_may_name_another_s_fault_and_format(arva: Arva, tmp_path: Path) 
 def test_a_command_of_another_package_has_help_options_and_an_exit_code(arva: Arva, tmp_path: Path) -> None:
     (tmp_path / "frames.bin").write_bytes(b"".join(encode(Frame(n, 1, (Channel(1, 1, 500, 3),))) for n in range(4)))
     assert arva("count-frames", tmp_path / "frames.bin", "--times", 3) == (0, "12\n", "")
+    assert "\n  count-frames of the package arva-example 1.0\n" in arva("--help").out
+    assert "--times" in arva("completion", "bash").out
     told = arva("count-frames", "--help").out
     assert told.startswith("usage: arva-hil count-frames ")
     assert "Count the frames in a file." in told
