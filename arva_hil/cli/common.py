@@ -158,6 +158,7 @@ class Run:
         self._known = known_at_start(chosen) if options.record else {}
         self._traceback = options.verbose > 0
         self._how = "interrupted"  # the run has ended
+        self._failed = False
         self._recorder: Recorder | None = None
         self._record_failed = False
         self._now = 0.0  # when the newest event was
@@ -193,7 +194,7 @@ class Run:
     def __exit__(self, *_: object) -> None:
         self._guard.__exit__()
         if self.page:
-            self.page.close(self._how)
+            self.page.close(self._how, failed=self._failed)
 
     @functools.cached_property
     def audience(self) -> Audience:
@@ -260,7 +261,7 @@ class Run:
         code, how = (outcome.INTERRUPTED, caught.name) if caught else (outcome.OK, "finished")
         if failure:
             code, how = failure.code, str(failure)
-        self._how = how
+        self._how, self._failed = how, code not in (outcome.OK, outcome.INTERRUPTED)
         said = [Notice("error", how)] if failure and code != outcome.NO_READER else []
         if self._recorder:
             if code == outcome.OK and self._recorder.error:

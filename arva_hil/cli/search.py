@@ -87,7 +87,7 @@ def main(options: argparse.Namespace) -> int:
         named = bool(members[0].name)
         page = open_page(options.web, lambda: State("search", title, known=False, named=named), printer.say)
         if page:
-            stack.callback(lambda: page.close(_end(searchers, guard)))
+            stack.callback(lambda: page.close(*_end(searchers, guard)))
         live = live_observers(options, None, clock.epoch_us)
         if options.gcs:
             live.append(_ground_station(options.gcs, searchers[0].session, clock, printer))
@@ -257,12 +257,13 @@ def rows_to(printer: Printer | None, log: SearchLog | None) -> Callable[[SearchS
     return take
 
 
-def _end(searchers: Sequence[Searcher], guard: SignalGuard) -> str:
-    """Return how the searches have ended, for the page."""
-    first = searchers[0]
-    if not first.member.name:
-        return in_words(first.outcome.how)
-    return "interrupted" if guard.caught else "ended"
+def _end(searchers: Sequence[Searcher], guard: SignalGuard) -> tuple[str, bool]:
+    """Return how the searches have ended, for the page, and True if they have failed."""
+    outcomes = [one.outcome for one in searchers]
+    failed = not guard.caught and exit_code(outcomes) != OK
+    if not searchers[0].member.name:
+        return in_words(outcomes[0].how), failed
+    return "interrupted" if guard.caught else "ended", failed
 
 
 def _tell_ends(searchers: Sequence[Searcher], printer: Printer, guard: SignalGuard, started_us: float) -> int:

@@ -145,9 +145,13 @@ class Launched(SearchEvent):
 
 
 class SearchBegun(SearchEvent):
-    """The take-off has ended, `height_m` above the take-off point."""
+    """The take-off has ended, `height_m` above the take-off point.
+
+    `wanted`: the number of transmitters to find; None: all.
+    """
 
     height_m: float
+    wanted: int | None = 1
 
 
 class SearchEnded(SearchEvent):

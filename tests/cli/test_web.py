@@ -11,11 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events import DatumSet, Event, FrameMade, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.searches import FromSearch, SearchBegun, SearchEnded, TakeOffPoint, TransmitterHeard, VictimNoted
 from arva_hil.events.vehicles import AutopilotText, VehicleFound
 from arva_hil.links.pty import PtyLink
+from arva_hil.model.field.dipole import Transmitters
 from arva_hil.model.receiver import ChannelReading, Pose, Reading
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.page import WebPage
@@ -138,13 +142,18 @@ def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Ta
     assert "true range" not in tab.text("#plots")
     assert "off the truth" not in tab.text("#belief")
     tab.page.locator("#truth").click()
-    tab.shows("#banner", OVER)
+    tab.shows("#outcome-title", "Found")
     assert program.ends() == 0
+    tab.shows("#phase", "ended")
     is_shown(tab, frame_at(readings(tmp_path / "record")))
     found = json.loads((tmp_path / "record" / "search.json").read_text())["found"]
     place = f"place found\n{found['north']:.1f} m N, {found['east']:.1f} m E"
     assert place in tab.text("#belief")
     assert "place found at" in str(label.get_attribute("aria-label"))
+    assert tab.page.locator("#outcome").get_attribute("data-level") == "good"
+    lat, lon = map(float, tab.text("#outcome code").split(","))
+    assert [lat, lon] == pytest.approx(found["lat_lon"], abs=1.1e-7)
+    assert not tab.page.locator("#banner").is_visible()
 
 
 def d_cm(sequence: int) -> int:
@@ -165,7 +174,7 @@ def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_
         *(*WEB, "--record", tmp_path / "record"),
     )
     tab.open(url_of(program))
-    tab.shows("#banner", OVER)
+    tab.shows("#outcome-title", "No search")
     assert program.ends() == 0
     shown = d_cm(int(tab.text("#number")))
     assert tab.rows("#channels tbody tr") == [
@@ -253,6 +262,56 @@ def test_several_receivers_strange_texts_and_a_pose_that_is_no_number(tab: Tab) 
         assert "2 dropped" in health
         assert "faults on\ndrop" in health
         assert tab.page.locator("#pill").get_attribute("data-level") == "bad"
+    finally:
+        page.close()
+
+
+def flight(*events: Event) -> State:
+    """A search for two transmitters, at 10 m and 20 m north of the take-off point, and what happened in it."""
+    state = State("demo", "")
+    places = np.array([[10.0, 0.0, 1.0], [20.0, 0.0, 1.0]])
+    there = Transmitters((1, 2), places, np.array([np.eye(3)] * 2), np.ones(2))
+    reports = [ReceiverStatus("receiver", None, 5, 0, there)]
+    state.update([DatumSet(0.0, "vehicle", 46.0123, 7.7456, 1650.0, ())])
+    state.update([StatusReport(1.0, [VehicleStatus("vehicle", "quadrotor 1/1", {}, reports)])])
+    begun = TakeOffPoint(1.0, 46.0123, 7.7456, 1650.0), SearchBegun(2.0, 3.0, 2)
+    state.update([FromSearch(event.time_s, event) for event in (*begun, *events)])
+    return state
+
+
+def noted(number: int, id_: int, off_m: float, *, sure: bool = True, marked: bool = True) -> VictimNoted:
+    return VictimNoted(2.0 + 33 * number, id_, number, 2, 10.0 * id_ + off_m, 0.0, sure, marked, 2 - number, False)
+
+
+TIME_UP = SearchEnded(90.0, (because(Why.TIME_UP, limit_s=90.0, found=1, wanted=2, more=1),), True)
+HEARD = TransmitterHeard(20.0, 2, 9.0, 0.0, 20.0)
+STATES = {(True, True): "marked", (True, False): "found", (False, True): "not sure"}
+ENDS = [
+    ((noted(1, 1, 0.4), noted(2, 2, 0.0)), "good", "2 of 2 found", ["0.4 m off, 33 s, marked", "less than 1 cm off"]),
+    ((noted(1, 1, 0.4),), "warn", "1 of 2 found", ["0.4 m off", "Transmitter 2\nnot found: not heard"]),
+    ((HEARD, noted(1, 1, 0.4, marked=False)), "warn", "1 of 2 found", ["33 s", "2\nnot found: heard, not found"]),
+    ((noted(1, 1, 0.4), noted(2, 2, 6.0, sure=False)), "warn", "2 of 2 found, 1 not sure", ["marked", "not sure: the"]),
+    ((), "bad", "Not found", ["1\nnot found: not heard", "2\nnot found: not heard"]),
+]
+
+
+@pytest.mark.parametrize(("events", "level", "title", "rows"), ENDS)
+def test_a_find_and_a_failure_never_look_alike(
+    tab: Tab, events: tuple[Event, ...], level: str, title: str, rows: list[str]
+) -> None:
+    page = WebPage(HostPort("127.0.0.1", 0), flight(*events))
+    try:
+        tab.open(page.address.url)
+        assert not tab.page.locator("#outcome").is_visible()
+        tab.shows("#count", title if events else "0 of 2 found")
+        page.observe(FromSearch(90.0, TIME_UP))
+        tab.shows("#outcome-title", title)
+        assert tab.page.locator("#outcome").get_attribute("data-level") == level
+        shown = tab.page.locator("#outcome-list li").all_inner_texts()
+        assert [wanted for wanted, row in zip(rows, shown, strict=True) if not re.search(wanted, row)] == []
+        noted = [event for event in events if isinstance(event, VictimNoted)]
+        states = [STATES[one.sure, one.marked] for one in noted]
+        assert [row.get_attribute("data-state") for row in tab.page.locator("#victims li").all()] == states
     finally:
         page.close()
 

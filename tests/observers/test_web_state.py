@@ -15,7 +15,9 @@ from arva_hil.events.searches import (
     BeliefChanged,
     FrameHeard,
     FromSearch,
+    MarkLost,
     PlaceFound,
+    SearchBegun,
     TakeOffPoint,
     TransmitterChosen,
     TransmitterLeft,
@@ -218,7 +220,28 @@ def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() ->
     state.update([FromSearch(event.time_s, event) for event in (noted, TransmitterChosen(5.0, 8, 20.0))])
     search = shown(state)["search"]  # of the next one, and the first is still there
     assert (search["found"], search["target"]) == (None, 8)
-    assert search["noted"] == [[7, pytest.approx(6.0, abs=0.01), 1.0]]
+    (victim,) = search["victims"]
+    assert victim["lat_lon"] == pytest.approx([HOME[0] + 6 / 111.15e3, HOME[1] + 1 / 77.4e3], abs=2e-7)
+    assert (victim["id"], victim["sure"], victim["marked"], victim["left"]) == (7, True, True, 1)
+    assert victim["place"] == [pytest.approx(6.0, abs=0.01), 1.0]
+    assert (search["wanted"], search["begun"], victim["took_s"]) == (2, True, None)
+
+
+def test_a_victim_has_its_time_from_the_start_of_the_search_and_loses_its_mark() -> None:
+    state = State("search", "estimate", known=False)
+    noted = VictimNoted(40.5, 7, 1, None, 5.0, 1.0, True, True, 0, False)
+    state.update([SearchBegun(10.0, 3.0, None), noted])
+    search = shown(state)["search"]
+    assert search["wanted"] is None
+    assert [(one["took_s"], one["marked"], one["lat_lon"]) for one in search["victims"]] == [(30.5, True, None)]
+    state.update([MarkLost(41.0, 7, 1)])
+    assert not shown(state)["search"]["victims"][0]["marked"]
+
+
+def test_the_end_of_a_run_says_whether_it_failed() -> None:
+    state = State("run", "")
+    state.end("no frame", failed=True)
+    assert (shown(state)["ended"], shown(state)["failed"]) == ("no frame", True)
 
 
 def test_a_search_alone_shows_the_frames_that_it_hears() -> None:

@@ -48,14 +48,14 @@ class WebPage:
         if not isinstance(event, PacketsReceived | BytesSent):
             self._waiting.append(event)
 
-    def close(self, how: str = "ended") -> None:
+    def close(self, how: str = "ended", failed: bool = False) -> None:
         """Report the end of the run, give the browsers a moment to ask, and stop."""
         if self._closing.is_set():
             return
         self._closing.set()
         with self._lock:
             self._update()
-            self.state.end(how)
+            self.state.end(how, failed=failed)
             looking, self._asked_s = self._looking(), {}
         until = self._clock.now() + _LAST_S
         while looking - self._asked_s.keys() and self._clock.now() < until:

@@ -24,6 +24,13 @@ class Places:
         north, east, down = self._frame.ned(lat, lon, alt).tolist()
         self._offsets[name] = (north, east, down)
 
+    def lat_lon(self, north_m: float, east_m: float) -> tuple[float, float] | None:
+        """Return the latitude and longitude [degrees] of a place on the map; None without an origin."""
+        if self._frame is None:
+            return None
+        lat, lon, _ = self._frame.lla([north_m, east_m, 0.0])
+        return float(lat), float(lon)
+
     def offset(self, name: str) -> Offset:
         """Return the place of the origin of `name` in the map."""
         return self._offsets.get(name, HERE)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+import math
+from typing import Any, Final, NamedTuple
 
 from arva_hil.events import Event, searches
 from arva_hil.events.words.reasons import in_words
@@ -12,6 +13,7 @@ from arva_hil.safe_text import one_line
 SEARCH: Final = "search:"  # begins the name of its origin; no vehicle has a colon in its name
 
 _MOST_HEARD: Final = 16
+_MOST_VICTIMS: Final = 256
 _PHASES: Final[dict[type[Event], str]] = {
     searches.WaitingFor: "waiting",
     searches.Launched: "take-off",
@@ -25,6 +27,19 @@ _PHASES: Final[dict[type[Event], str]] = {
     searches.DescentBegun: "descending",
     searches.SearchEnded: "ended",
 }
+
+
+class _Victim(NamedTuple):
+    """A place of a victim: metres from the take-off point. `took_s`: from the start of the search, None if unknown."""
+
+    id: int | None
+    north_m: float
+    east_m: float
+    took_s: float | None
+    sure: bool
+    marked: bool
+    left: int | None
+    """The number of other transmitters received then; None if it is not known."""
 
 
 class SearchView:
@@ -42,7 +57,9 @@ class SearchView:
         self._belief: searches.BeliefChanged | None = None
         self._found: searches.PlaceFound | None = None
         self._heard: dict[int | None, tuple[float, float, float]] = {}
-        self._noted: list[searches.VictimNoted] = []
+        self._victims: dict[int, _Victim] = {}  # of a search for several, by their number
+        self._begun_s: float | None = None
+        self._wanted: int | None = 1
         self._ended = ""
 
     def observe(self, event: Event) -> None:
@@ -56,8 +73,17 @@ class SearchView:
         elif isinstance(event, searches.TransmitterChosen):
             self._target = event.transmitter
             self._found = None  # it goes on to the next
+        elif isinstance(event, searches.SearchBegun):
+            self._begun_s, self._wanted = event.time_s, event.wanted
         elif isinstance(event, searches.VictimNoted):
-            self._noted = [*self._noted, event][-_MOST_HEARD:]
+            self._wanted = event.wanted
+            if len(self._victims) < _MOST_VICTIMS:
+                about = event.sure, event.marked, event.left
+                took_s = self._since_begun(event.time_s)
+                self._victims[event.number] = _Victim(event.transmitter, event.north_m, event.east_m, took_s, *about)
+        elif isinstance(event, searches.MarkLost):
+            if event.number in self._victims:
+                self._victims[event.number] = self._victims[event.number]._replace(marked=False)
         elif isinstance(event, searches.TransmitterFaded):
             self._belief = None
         elif isinstance(event, searches.TransmitterLeft):
@@ -68,6 +94,31 @@ class SearchView:
             self._found = event
         elif isinstance(event, searches.SearchEnded):
             self._ended = in_words(event.how)
+
+    def _since_begun(self, time_s: float) -> float | None:
+        return None if self._begun_s is None or not math.isfinite(time_s) else time_s - self._begun_s
+
+    def _places_found(self) -> list[_Victim]:
+        """The victims in the order of finding; of a search for one, the place found."""
+        found = self._found
+        if self._victims or found is None:
+            return list(self._victims.values())
+        took_s = self._since_begun(found.time_s)
+        return [_Victim(found.transmitter, found.north_m, found.east_m, took_s, found.sure, False, None)]
+
+    def _shown_victim(self, victim: _Victim, north: float, east: float) -> dict[str, Any]:
+        """A victim for the page. `north`, `east`: of the take-off point in the map."""
+        place = [_rounded(victim.north_m + north), _rounded(victim.east_m + east)]
+        lat_lon = self._places.lat_lon(victim.north_m + north, victim.east_m + east)
+        return {
+            "id": victim.id,
+            "place": place,
+            "lat_lon": lat_lon and [round(degrees, 8) for degrees in lat_lon],
+            "took_s": None if victim.took_s is None else round(victim.took_s, 1),
+            "sure": victim.sure,
+            "marked": victim.marked,
+            "left": victim.left,
+        }
 
     def document(self) -> dict[str, Any] | None:
         """Return the search for the page; places as [north, east, …]."""
@@ -81,9 +132,9 @@ class SearchView:
             "target": self._target,
             "take_off": [_rounded(north), _rounded(east)],
             "heard": [[id_, _rounded(n + north), _rounded(e + east), d] for id_, (n, e, d) in self._heard.items()],
-            "noted": [
-                [one.transmitter, _rounded(one.north_m + north), _rounded(one.east_m + east)] for one in self._noted
-            ],
+            "wanted": self._wanted,
+            "begun": self._begun_s is not None or bool(self._places_found()),
+            "victims": [self._shown_victim(one, north, east) for one in self._places_found()],
             "hypotheses": [],
             "mean": None,
             "covariance": None,

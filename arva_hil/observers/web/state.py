@@ -82,6 +82,7 @@ class State:
         self._start_s: float | None = None  # of the run, on the driver's clock
         self._time_s = 0.0
         self._ended = ""
+        self._failed = False
         self._receivers: dict[Key, _ShownReceiver] = {}
         self._events = TextHistory(_MOST_EVENTS, 0)
         self._searches: dict[str, SearchView] = {}  # by vehicle, "" where there is one only
@@ -125,9 +126,9 @@ class State:
         self._time_s = 0.0
         self._new_version()
 
-    def end(self, how: str) -> None:
-        """End the run with its result."""
-        self._ended = one_line(how)
+    def end(self, how: str, *, failed: bool = False) -> None:
+        """End the run with its result. `failed`: by a failure."""
+        self._ended, self._failed = one_line(how), failed
         self._new_version()
 
     def fail(self, why: str) -> None:
@@ -233,6 +234,7 @@ class State:
             "full": full,
             "time_s": round(self._time_s - (self._start_s or 0.0), 3),
             "ended": self._ended,
+            "failed": self._failed,
             "origin": self.places.origin,
             "vehicles": self.health.vehicles(),
             "links": self.health.links(),

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from arva_hil.events import DatumSet, Event, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.event_json import event_of
-from arva_hil.events.searches import FromSearch, PlaceFound, TakeOffPoint, WaitingFor
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, WaitingFor
 from arva_hil.events.words.text import Level, Notice
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
@@ -110,6 +111,8 @@ class RecordedState(State):
             sure = search.outcome.get("outcome") == "found"
             target = None if search.target == NO_ID else search.target
             yield PlaceFound(end_s, target, found.north, found.east, found.covariance, sure)
+        if SearchEnded not in kinds and search.how:  # the vehicle was taken over, or lost
+            yield SearchEnded(self.span_s[1], [because(Why.ERROR, text=search.how)], False)
 
     def _place(self, time_s: float) -> None:
         """Put every vehicle's datum of that time on the map."""

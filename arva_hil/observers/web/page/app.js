@@ -2,6 +2,7 @@
 
 import { checks, showChecks, showCounters, showEvents, showSearch, showTeam } from "./health.js";
 import { showDisplay } from "./display.js";
+import { outcomeOf, showOutcome, showVictims } from "./outcome.js";
 import { showMap, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
 import { Player } from "./player.js";
@@ -88,6 +89,9 @@ function show() {
   showEvents(store.events);
   const search = mine(state);
   showSearch(search, shown, own(state.transmitters), state.team);
+  const outcome = outcomeOf(state, shown ? (state.team.length ? state.transmitters : own(state.transmitters)) : []);
+  showOutcome(outcome);
+  showVictims(search, outcome, last);
   showTeam(state.team, store.points, chosen);
   showMap({
     truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen,
@@ -161,8 +165,9 @@ function showLegend(state, shown) {
 
 function showBanner() {
   const ended = store.state?.ended;
-  const words = ended ? `The run is over: ${ended}` : failures >= 2 ? "No connection: the program has ended, or the network is away. What you see is old." : "";
+  const words = ended ? ($("outcome").hidden ? `The run is over: ${ended}` : "") : failures >= 2 ? "No connection: the program has ended, or the network is away. What you see is old." : "";
   $("banner").hidden = !words;
+  $("banner").dataset.level = ended ? (store.state.failed ? "bad" : "info") : "warn";
   if ($("banner").textContent !== words) $("banner").textContent = words;
 }
 

@@ -56,7 +56,7 @@ function bounds() {
     add(...scene.search.take_off, 1);
     for (const [n, e, share] of scene.search.hypotheses) if (share > 0.02) add(n, e, 1);
     if (scene.search.found) add(...scene.search.found.place, 3);
-    for (const [, n, e] of scene.search.noted ?? []) add(n, e, 3);
+    for (const one of scene.search.victims) add(...one.place, 3);
   }
   for (const { found } of scene.team) if (found) add(...found.place, 3);
   return box[0] === Infinity ? [-25, -25, 25, 25] : box;
@@ -265,8 +265,7 @@ function drawSearch(search) {
     for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) { ink.moveTo(x + dx * 7, y + dy * 7); ink.lineTo(x + dx * 18, y + dy * 18); }
     ink.stroke();
   }
-  const noted = (search.noted ?? []).map(([, n, e], at) => [n, e, `victim ${at + 1}`]);
-  for (const place of [...noted, ...(search.found && !noted.length ? [[...search.found.place, "found"]] : [])]) drawPlace(...place);
+  search.victims.forEach((one, at) => drawPlace(...one.place, one.sure ? `victim ${at + 1}` : `victim ${at + 1}, not sure`));
 }
 
 function drawPlace(n, e, words) {

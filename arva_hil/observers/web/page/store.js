@@ -52,6 +52,13 @@ export function numberOf(id) {
 }
 export function colourOf(id) { return css(`--c${numberOf(id)}`); }
 
+// A sign of a transmitter, in its colour.
+export function signOf(id) {
+  const sign = el("span", { class: "dot", "aria-hidden": "true" });
+  if (id !== null) sign.style.background = colourOf(id);
+  return sign;
+}
+
 let colours = new Map();
 export function css(name) {
   if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());

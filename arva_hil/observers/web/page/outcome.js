@@ -1,0 +1,78 @@
+// The outcome of a search: what was found, where, and what is missing; and the list of victims with their marks.
+
+import { CM, ID, SLOTS, el, precise, signOf } from "./store.js";
+
+const $ = (id) => document.getElementById(id);
+let shownCard = "";
+
+// What the searches of a run have come to: null before a search. `transmitters`: their true places, empty if they are not shown.
+export function outcomeOf(state, transmitters) {
+  const searches = state.team.length ? state.team : state.search ? [state.search] : [];
+  if (!searches.length) return null;
+  const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle })));
+  const heard = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
+  const wanted = state.team.length || searches[0].wanted === null ? transmitters.length || null : searches[0].wanted;
+  const found = new Set(victims.map((one, i) => one.id ?? `place ${i}`)), count = found.size;
+  for (const one of victims) {
+    const real = transmitters.filter(({ id }) => id === one.id || one.id === null).map(({ place: [n, e] }) => Math.hypot(n - one.place[0], e - one.place[1]));
+    one.off_m = real.length ? Math.min(...real) : null;
+  }
+  const lacks = wanted === null ? victims.at(-1)?.left > 0 || !count : count < wanted;
+  const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, heard.has(id) ? "heard, not found" : "not heard"]) : [];
+  const over = Boolean(state.ended) || searches.every((search) => search.ended), unsure = victims.filter((one) => !one.sure).length;
+  const ends = [...new Set(searches.map((search) => search.ended).filter(Boolean))];
+  const why = state.failed && !ends.length ? state.ended : ends.filter((words) => words !== "found").join("; ");
+  const title = !searches.some((search) => search.begun) && over ? "No search" : !count && over ? "Not found"
+    : wanted === 1 && count === 1 ? (unsure ? "Not sure" : "Found") : `${count} ${wanted === null ? "" : `of ${wanted} `}found${unsure ? `, ${unsure} not sure` : ""}`;
+  return { over, title, why, victims, missing, level: !count ? "bad" : lacks || unsure ? "warn" : "good" };
+}
+
+// The card at the top, once the search is over.
+export function showOutcome(outcome) {
+  const key = JSON.stringify(outcome);
+  if (key === shownCard) return;
+  shownCard = key;
+  const card = $("outcome");
+  card.hidden = !outcome?.over;
+  if (card.hidden) return;
+  card.dataset.level = outcome.level;
+  $("outcome-title").textContent = outcome.title;
+  $("outcome-why").textContent = outcome.why;
+  $("outcome-list").replaceChildren(...outcome.victims.map(foundRow), ...outcome.missing.map(([id, why]) => el("li", { "data-level": "bad" },
+    el("span", { class: "sign", "aria-hidden": "true" }), el("b", {}, signOf(id), `Transmitter ${id}`), el("span", {}, `not found: ${why}`))));
+}
+
+function foundRow(one, i) {
+  const facts = [one.off_m === null ? "" : `${precise(one.off_m, 1)} off`, one.took_s === null ? "" : `${one.took_s.toFixed(0)} s`, one.sure ? "" : "not sure: the readings do not agree", one.marked ? "marked" : "", one.by ? `by ${one.by}` : ""];
+  const row = el("li", { "data-level": one.sure ? "good" : "warn" }, el("span", { class: "sign", "aria-hidden": "true" }),
+    el("b", {}, signOf(one.id), `Victim ${i + 1}${one.id === null ? "" : ` (transmitter ${one.id})`}`), el("span", {}, facts.filter(Boolean).join(", ")));
+  if (one.lat_lon) {
+    const words = one.lat_lon.map((degrees) => degrees.toFixed(7)).join(", "), place = el("code", {}, words), button = el("button", { type: "button", "aria-label": `Copy ${words}` }, "Copy");
+    button.addEventListener("click", async () => { await copy(words, place); button.textContent = "Copied"; });
+    row.append(place, button, el("a", { href: `geo:${words.replace(" ", "")}` }, "Open"));
+  }
+  return row;
+}
+
+// A page of another computer has no clipboard: then the words are selected, for Ctrl-C or the menu of a phone.
+async function copy(words, element) {
+  getSelection().selectAllChildren(element);
+  try { await navigator.clipboard.writeText(words); } catch { document.execCommand("copy"); }
+}
+
+// As on a transceiver: who is marked, who is found, who is next, who else is heard, with the distance of the newest reading.
+export function showVictims(search, outcome, point) {
+  $("count").textContent = outcome && search ? outcome.title : "";
+  const slots = (point?.[SLOTS] ?? []).filter((slot) => slot[CM] > 0), rows = new Map();
+  for (const one of search?.victims ?? []) rows.set(one.id ?? `place ${rows.size}`, one.sure ? (one.marked ? "marked" : "found") : "not sure");
+  if (search && !search.ended && search.target !== null && !rows.has(search.target)) rows.set(search.target, "next");
+  for (const slot of slots) if (slot[ID] !== null && !rows.has(slot[ID])) rows.set(slot[ID], "heard");
+  $("victims").hidden = !rows.size;
+  const metres = (id) => {
+    const cm = Math.min(...slots.filter((slot) => slot[ID] === id).map((slot) => slot[CM]));
+    return cm < Infinity ? `${(cm / 100).toFixed(1)} m` : "–";
+  };
+  $("victims").replaceChildren(...[...rows].map(([id, state]) => el("li", { "data-state": state },
+    signOf(typeof id === "number" ? id : null), el("b", {}, typeof id === "number" ? `Nº ${id}` : "Victim"), el("span", {}, state),
+    el("span", { class: "value" }, metres(id)))));
+}
