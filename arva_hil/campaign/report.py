@@ -8,6 +8,7 @@ from typing import Final
 
 from arva_hil.campaign import charts
 from arva_hil.campaign.results import Pair, Summary, TrialRow, groups, summary
+from arva_hil.campaign.trial import FOUND
 from arva_hil.records.report.html import render
 from arva_hil.safe_text import table_lines
 
@@ -33,8 +34,18 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
         for (name, drones), some in parts.items()
     )
     lines = table_lines([("strategy", *_HEAD), *each])
+    far = found_far(rows, success_m)
     foot = f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %"
-    return "\n".join([*lines, foot])
+    return "\n".join([*lines, foot, *([far] if far else [])])
+
+
+def found_far(rows: Sequence[TrialRow], success_m: float) -> str:
+    """Return why fewer runs are a success than ended with "found"; "" if all of these are."""
+    found = [row for row in rows if row.outcome == FOUND]
+    far = sum(not row.success(success_m) for row in found)
+    return (
+        f"{far} of {len(found)} runs that ended with found are no success: more than {success_m:g} m off" if far else ""
+    )
 
 
 def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
@@ -52,6 +63,7 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
         trials=len(rows),
         crossed=" × ".join(f"{count[name]} {several}" for name, (several, _) in _COLUMNS.items() if count[name] > 1),
         success_m=success_m,
+        found_far=found_far(rows, success_m),
         head=_HEAD,
         cells=_cells,
         colours=charts.colours(row.strategy for row in rows),

@@ -15,7 +15,7 @@ from arva_hil.events import Event
 from arva_hil.events.event_json import event_object
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
-from arva_hil.records.pictures.search import Track, draw_search
+from arva_hil.records.pictures.search import draw_search
 from arva_hil.records.writing import RecordError
 from arva_hil.records.writing.search_log import TRACK, SearchLog
 from arva_hil.search.mission.choice import NO_ID
@@ -38,7 +38,7 @@ def close_log(
     outcome: Outcome,
     code: int,
     started_us: float,
-    truth: Mapping[int, tuple[float, float]] | None = None,
+    truth: Mapping[int, tuple[float, float, float]] | None = None,
 ) -> list[str]:
     """Close the log and draw the picture; what there is to say of both.
 
@@ -50,10 +50,9 @@ def close_log(
     except RecordError as error:
         return [f"error: {error}"]
     picture = log.folder / PICTURE
-    tracks = [Track("search", log.rows, outcome.found and outcome.found[:2])]
-    tracks += [Track("search", [], victim.found[:2]) for victim in outcome.victims[1:]]
+    places = [victim.found for victim in outcome.victims] or ([outcome.found] if outcome.found else [])
     try:
-        draw_search(picture, tracks, truth or {}, outcome.id)
+        draw_search(picture, log.rows, [place[:2] for place in places], truth or {})
     except ImportError:
         return [f"log: {log.folder / TRACK}; for a picture: pip install 'arva-hil[plots]'"]
     except OSError as error:

@@ -121,8 +121,8 @@ class Drone:
         """True if this drone searches for more than one transmitter."""
         return self.mission is not None and self.mission.victims.several
 
-    def truth(self) -> dict[int, tuple[float, float]]:
-        """Return the true places of the transmitters at the newest frame, by id: north and east of the take-off point.
+    def truth(self) -> dict[int, tuple[float, float, float]]:
+        """Return the true places of the transmitters at the newest frame, by id: NED from the take-off point [m].
 
         Without a take-off point there are none.
         """
@@ -131,8 +131,8 @@ class Drone:
             return {}
         last = self.emulated.units[0].port.last
         there = moving_transmitters(self.scenario, datum).at(last.instant_s if last else 0.0)
-        ned = [origin.ned(*datum.lla(position)) for position in there.positions]
-        return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(there.ids, ned, strict=True)}
+        ned = [origin.ned(*datum.lla(position)).tolist() for position in there.positions]
+        return {id_: (north, east, down) for id_, (north, east, down) in zip(there.ids, ned, strict=True)}
 
     def off(self, now: float) -> float | None:
         """Return the distance from the true place of the vehicle to the transmitter searched for."""
@@ -156,9 +156,9 @@ class Drone:
         left, found = self.truth(), dict[Victim, float]()
         for victim in self.mission.victims.places if self.mission else ():
             place = victim.found[:2]
-            nearest = min(left, key=lambda id_: math.dist(place, left[id_]), default=None)
+            nearest = min(left, key=lambda id_: math.dist(place, left[id_][:2]), default=None)
             id_ = victim.id if victim.id in left else nearest
-            found[victim] = math.inf if id_ is None else math.dist(place, left.pop(id_))
+            found[victim] = math.inf if id_ is None else math.dist(place, left.pop(id_)[:2])
         return found
 
     def _distance(self, place: tuple[float, float]) -> float | None:
@@ -167,7 +167,7 @@ class Drone:
             return None
         places = self.truth()
         of = [places[self.mission.choice.target]] if self.mission.choice.target in places else places.values()
-        return min(math.dist(place, true) for true in of)
+        return min(math.dist(place, true[:2]) for true in of)
 
 
 class ClosedLoop:

@@ -59,7 +59,7 @@ def test_sums_are_those_worked_out_by_hand() -> None:
 
 def test_the_table_has_a_line_for_each_strategy_with_its_interval() -> None:
     rows = runs(0.5, 1.0, None, 9.0) + runs(None, None, strategy="estimate")
-    head, flux, estimate, foot = report.text(rows, 2.0).split("\n")
+    head, flux, estimate, foot, _ = report.text(rows, 2.0).split("\n")
     assert head.split() == "strategy runs successes rate 95 % confidence time, s path, m error, m".split()
     assert flux.split("  ")[0] == "flux"
     assert re.split(r"\s{2,}", flux)[1:5] == ["4", "2", "50.0 %", "15.0–85.0 %"]
@@ -78,6 +78,15 @@ def cells(page: str, heading: str) -> list[list[str]]:
     table = page.split(f"<h2>{heading}</h2>")[1].split("</table>")[0]
     lines = table.split("<tr")[2:]
     return [[re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<td.*?</td>", line)] for line in lines]
+
+
+def test_runs_that_found_a_place_too_far_off_are_explained() -> None:
+    rows = list(runs(0.5, 1.0, 5.0))
+    assert (
+        report.text(rows, 2.0).split("\n")[-1] == "1 of 3 runs that ended with found are no success: more than 2 m off"
+    )
+    assert "no success" not in report.text(rows[:2], 2.0)
+    assert "1 of 3 runs that ended with found are no success: more than 2 m off." in report.page("x", rows, 2.0)
 
 
 def test_the_page_has_every_strategy_with_its_success_and_interval(page: str) -> None:

@@ -290,7 +290,7 @@ ENDS = [
     ((noted(1, 1, 0.4), noted(2, 2, 0.0)), "good", "2 of 2 found", ["0.4 m off, 33 s, marked", "less than 1 cm off"]),
     ((noted(1, 1, 0.4),), "warn", "1 of 2 found", ["0.4 m off", "Transmitter 2\nnot found: not heard"]),
     ((HEARD, noted(1, 1, 0.4, marked=False)), "warn", "1 of 2 found", ["33 s", "2\nnot found: heard, not found"]),
-    ((noted(1, 1, 0.4), noted(2, 2, 6.0, sure=False)), "warn", "2 of 2 found, 1 not sure", ["marked", "not sure: the"]),
+    ((noted(1, 1, 0.4), noted(2, 2, 6.0, sure=False)), "warn", "1 of 2 found, 1 not sure", ["marked", "not sure: the"]),
     ((), "bad", "Not found", ["1\nnot found: not heard", "2\nnot found: not heard"]),
 ]
 

@@ -62,6 +62,17 @@ def test_the_map_has_the_track_the_place_found_and_the_transmitters(axes: Axes, 
     assert axes.get_aspect() == 1.0
 
 
+def test_the_map_has_every_victim(axes: Axes, tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", COUNT, search=False)
+    places = [{"north": north, "east": 5.25, "down": 0.0, "covariance": None, "lat_lon": None} for north in (18.5, 8.5)]
+    write_search(folder, COUNT, victims=places, wanted=2)
+    recording = load(folder)
+    draw_map(axes, recording, recording.receivers[0])
+    crosses = [line.get_xydata() for line in axes.lines if line.get_marker() == "x"]
+    assert np.concatenate(crosses).tolist() == [pytest.approx([5.25, n], abs=1e-3) for n in (20.5, 10.5)]
+    assert {text.get_text() for text in axes.texts} >= {"victim 1", "victim 2"}
+
+
 def test_d_is_drawn_as_read_beside_the_true_range(axes: Axes, tmp_path: Path) -> None:
     recording = load(write(tmp_path / "flight", COUNT))
     draw_distance(axes, recording, recording.receivers[0])

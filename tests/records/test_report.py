@@ -15,7 +15,7 @@ import pytest
 from arva_hil.config import DEFAULT, parse
 from arva_hil.records.reading import Recording, load
 from arva_hil.records.report import page as module
-from arva_hil.records.report.facts import error_m, facts, merged
+from arva_hil.records.report.facts import errors_m, facts, found_of, merged
 from arva_hil.records.report.page import page
 from tests.made_records import SILENT, frames, write, write_search
 
@@ -44,7 +44,7 @@ def words(html: str) -> str:
 
 def test_the_facts_are_those_of_the_record(tmp_path: Path) -> None:
     found = facts(load(write(tmp_path / "flight", COUNT)))
-    assert list(found) == ["What was run", "What the search found", "Frames", "Faults", "Counters"]
+    assert list(found) == ["What the search found", "What was run", "Frames", "Faults", "Counters"]
     run = found["What was run"]
     assert (run["ended"], run["length"], run["seed"]) == ("finished (exit code 0)", "19.0 s", "1")
     assert run["transmitter 1"] == "20 m north, 5 m east, 0 m down of the datum; strength 1"
@@ -63,7 +63,7 @@ def test_the_facts_are_those_of_the_record(tmp_path: Path) -> None:
 
 def test_the_place_found_is_compared_with_the_truth(tmp_path: Path) -> None:
     recording = load(write(tmp_path / "flight", COUNT))
-    assert error_m(recording) == pytest.approx(np.hypot(0.5, 0.25), abs=1e-3)
+    assert errors_m(recording) == pytest.approx({0: np.hypot(0.5, 0.25)}, abs=1e-3)
     search = facts(recording)["What the search found"]
     assert search["error"] == "0.56 m from the transmitter, horizontally"
     assert search["95 % inside"] == "1.00 m × 0.44 m, long axis 13°"
@@ -72,7 +72,29 @@ def test_the_place_found_is_compared_with_the_truth(tmp_path: Path) -> None:
 
 def test_the_error_is_that_to_the_transmitter_searched_for_and_not_to_a_nearer_one(tmp_path: Path) -> None:
     both = parse("transmitters: [{id: 1, ned: [30, 5, 0]}, {id: 2, ned: [20, 5, 0]}]\n", "x")
-    assert error_m(load(write(tmp_path / "flight", 5, both))) == pytest.approx(np.hypot(9.5, 0.25), abs=1e-3)
+    assert errors_m(load(write(tmp_path / "flight", 5, both))) == pytest.approx({0: np.hypot(9.5, 0.25)}, abs=1e-3)
+
+
+def test_all_victims_are_there_and_those_who_are_missed(tmp_path: Path) -> None:
+    field = parse("transmitters: [{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [30, 5, 0]}, {id: 3, ned: [9, 9, 0]}]\n", "x")
+    folder = write(tmp_path / "flight", COUNT, field, search=False)
+    lat_lon = [46.0124799, 7.7456645]
+    victims = [
+        {"id": 2, "north": 28.0, "east": 5.5, "down": 0.0, "covariance": None, "lat_lon": lat_lon, "sure": True},
+        {"id": 1, "north": 18.0, "east": 5.0, "down": 0.0, "covariance": None, "lat_lon": lat_lon, "sure": False},
+    ]
+    write_search(folder, COUNT, outcome="not found", how="2 found in 90 s", wanted=3, victims=victims)
+    recording = load(folder)
+    assert found_of(recording) == "1 of 3 found, 1 not sure"
+    assert errors_m(recording) == pytest.approx({0: 0.5, 1: 0.0}, abs=1e-3)
+    search = facts(recording)["What the search found"]
+    assert search["place of victim 1"] == "transmitter 2: 28.00 m north, 5.50 m east of the take-off point"
+    assert search["error of victim 1"] == "0.50 m from the transmitter, horizontally"
+    assert search["place of victim 2"].endswith("; not sure: the readings do not agree")
+    assert search["transmitter 3"] == "not found"
+    verdict = words(page([recording])).partition("What the search found")[0]
+    assert "1 of 3 found, 1 not sure, 0.50 m, less than 1 cm from the transmitters" in verdict
+    assert "exit code" not in verdict
 
 
 def test_a_page_is_whole_and_asks_for_nothing(tmp_path: Path) -> None:
@@ -85,7 +107,7 @@ def test_a_page_is_whole_and_asks_for_nothing(tmp_path: Path) -> None:
     assert not re.search(r"url\(|@import", html)
     (policy,) = [m.get("content") for m in root.iter("meta") if m.get("http-equiv") == "Content-Security-Policy"]
     assert policy == "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-    assert "the search ended: found, 0.56 m from the transmitter, the run ended: finished, 20 frames" in words(html)
+    assert "1 of 1 found, 0.56 m from the transmitter, the run ended: finished, 20 frames" in words(html)
 
 
 def test_what_happened_is_told_in_the_words_of_the_console(tmp_path: Path) -> None:
@@ -101,7 +123,7 @@ def test_two_runs_are_side_by_side_and_what_differs_is_marked(tmp_path: Path) ->
     assert rows["frames"].get("class") == "differs"
     assert rows["seed"].get("class") is None
     assert [cell.text for cell in rows["place"]][2] is None
-    assert "one : the search ended" in words(html)
+    assert "one : 1 of 1 found, 0.56 m" in words(html)
 
 
 def test_facts_that_only_one_run_has_keep_their_place() -> None:

@@ -99,7 +99,7 @@ class SearchView:
         return None if self._begun_s is None or not math.isfinite(time_s) else time_s - self._begun_s
 
     def _places_found(self) -> list[_Victim]:
-        """The victims in the order of finding; of a search for one, the place found."""
+        """Return the victims in the order of finding; of a search for one, the place found."""
         found = self._found
         if self._victims or found is None:
             return list(self._victims.values())
@@ -107,7 +107,7 @@ class SearchView:
         return [_Victim(found.transmitter, found.north_m, found.east_m, took_s, found.sure, False, None)]
 
     def _shown_victim(self, victim: _Victim, north: float, east: float) -> dict[str, Any]:
-        """A victim for the page. `north`, `east`: of the take-off point in the map."""
+        """Return a victim for the page. `north`, `east`: of the take-off point in the map."""
         place = [_rounded(victim.north_m + north), _rounded(victim.east_m + east)]
         lat_lon = self._places.lat_lon(victim.north_m + north, victim.east_m + east)
         return {

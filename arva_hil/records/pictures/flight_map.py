@@ -8,7 +8,7 @@ import numpy as np
 
 from arva_hil.model.field import Transmitters
 from arva_hil.model.field_lines import field_lines
-from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, RED, thinned
+from arva_hil.records.pictures.style import BLUE, GREY, ORANGE, PALE, RED, look_of, thinned
 from arva_hil.records.reading import RecordedReceiver, Recording
 
 if TYPE_CHECKING:
@@ -75,12 +75,16 @@ def _draw_search(axes: Axes, recording: Recording, vehicle: str) -> list[Any]:
         label = "search: its own position" if recording.receivers else "flown"
         axes.plot(moved[:, 1], moved[:, 0], color=ORANGE, lw=1.2, ls=(0, (4, 2)), label=label, zorder=3)
         seen.append(moved[:, 1::-1])
-    if (found := search.found) is not None:
+    for number, found in enumerate(search.places, 1):
         edge = np.array([(north, east, 0.0) for north, east in [(found.north, found.east), *found.outline()]])
         places = recording.of_search(edge, vehicle) if recording.receivers else edge
         if places is not None:
-            axes.plot(*places[0, 1::-1], "x", ms=9, mew=2, color=RED, label="place found, 95 % ellipse", zorder=6)
+            label = "place found, 95 % ellipse" if number == 1 else None
+            axes.plot(*places[0, 1::-1], "x", ms=9, mew=2, color=RED, label=label, zorder=6)
             axes.plot(places[1:, 1], places[1:, 0], color=RED, lw=1.2, zorder=6)
+            if len(search.places) > 1:
+                at = places[0, 1::-1].tolist()
+                axes.annotate(f"victim {number}", at, (-8, -12), textcoords="offset points", color=RED, zorder=7)
             seen.append(places[:1, 1::-1])
     return seen
 
@@ -92,16 +96,16 @@ def _draw_transmitters(axes: Axes, transmitters: Transmitters) -> list[Any]:
         if id_ in transmitters.unplaced or not np.isfinite(place).all():
             continue
         along = transmitters.rotations[n, :2, 0] * 2.0
-        label = "transmitter and its dipole" if not seen else None
-        axes.plot(place[1], place[0], "*", ms=13, color=GREEN, mec="white", zorder=5, label=label)
+        label, (colour, marker) = None if seen else "transmitter and its dipole", look_of(id_)
+        axes.plot(place[1], place[0], marker, ms=9, color=colour, mec="white", zorder=5, label=label)
         axes.plot(
             [place[1] - along[1], place[1] + along[1]],
             [place[0] - along[0], place[0] + along[0]],
-            color=GREEN,
+            color=colour,
             lw=2,
             zorder=5,
         )
-        axes.annotate(str(id_), (place[1], place[0]), (7, 6), textcoords="offset points", color=GREEN, zorder=7)
+        axes.annotate(str(id_), (place[1], place[0]), (7, 6), textcoords="offset points", color=colour, zorder=7)
         seen.append(place[None, 1::-1])
     return seen
 

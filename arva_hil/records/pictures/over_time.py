@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, PALETTE, PINK, RED, SKY, thinned
+from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, PINK, RED, SKY, look_of, thinned
 from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.safe_text import one_line
 
@@ -31,7 +31,7 @@ def draw_distance(axes: Axes, recording: Recording, receiver: RecordedReceiver |
         _draw_search_distance(axes, recording)
         return
     for n, id_ in enumerate(_ids(recording, receiver)):
-        colour = PALETTE[n % len(PALETTE)]
+        colour, _ = look_of(id_)
         rows = thinned(len(receiver))
         ranges = true_range(recording, receiver, id_, rows)
         axes.plot(receiver.time_s[rows], ranges, color=colour, lw=1.0, label=f"transmitter {id_}: true range")

@@ -104,6 +104,11 @@ class RecordedSearch:
         return tuple(place for place in places if place)
 
     @property
+    def places(self) -> tuple[RecordedPlace, ...]:
+        """The places of all victims that are reported; of a search for one, its place."""
+        return self.victims or ((self.found,) if self.found else ())
+
+    @property
     def target(self) -> int | None:
         """The id of the transmitter searched for."""
         value = self.outcome.get("id")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from arva_hil.config import Scenario
 from arva_hil.events.words.text import in_metres
 from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.records.reading.search import RecordedPlace
 from arva_hil.records.reading.streams import streams
 from arva_hil.records.reading.values import mapping, number
 from arva_hil.safe_text import one_line
@@ -25,9 +26,10 @@ _MOST: Final = 200  # values of one kind
 
 def facts(recording: Recording) -> Facts:
     """Return everything that is known of a run. Raises RecordingError for a log of packets that cannot be read."""
-    found: dict[str, dict[str, str]] = {"What was run": dict(_run(recording))}
+    found: dict[str, dict[str, str]] = {}
     if recording.search:
         found["What the search found"] = dict(_search(recording))
+    found["What was run"] = dict(_run(recording))
     for receiver in recording.receivers:
         of = f" of {receiver.name}" if receiver.name else ""
         found[f"Frames{of}"] = dict(_frames(receiver))
@@ -99,23 +101,14 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
     assert search is not None
     said = search.outcome
     yield "ended", one_line(search.how) or "not: it goes on, or was killed"
-    found = search.found
-    if found is not None:
-        who = "" if search.target is None else f"transmitter {search.target}: "
-        yield "place", f"{who}{found.north:z.2f} m north, {found.east:z.2f} m east of the take-off point"
-        if found.lat_lon:
-            yield "latitude, longitude", f"{found.lat_lon[0]:.7f}, {found.lat_lon[1]:.7f}"
-        if ellipse := found.ellipse():
-            major, minor, bearing = ellipse
-            yield (
-                "95 % inside",
-                f"{in_metres(major)} × {in_metres(minor)}, long axis {math.degrees(bearing) % 180:.0f}°",
-            )
-        else:
-            yield "95 % inside", "the strategy does not say how sure it is"
-    error = error_m(recording)
-    if error is not None:
-        yield "error", f"{in_metres(error)} from the transmitter, horizontally"
+    if search.places:
+        yield "found", found_of(recording)
+    errors = errors_m(recording)
+    for index, found in enumerate(search.places[:_MOST]):
+        of = f" of victim {index + 1}" if len(search.places) > 1 else ""
+        yield from ((label + of, value) for label, value in _place(found, errors.get(index)))
+    for id_ in missed(recording)[:_MOST]:
+        yield f"transmitter {id_}", "not found"
     for label, name, form in (
         ("time", "time_s", "{:.0f} s"),
         ("path", "path_m", "{:.0f} m"),
@@ -128,6 +121,22 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
         nearest = number(mapping(other).get("nearest_m"))
         if nearest is not None:
             yield f"received, not found: {one_line(mapping(other).get('id'))}", f"{nearest:.1f} m away at the nearest"
+
+
+def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str]]:
+    who = "" if found.id is None else f"transmitter {found.id}: "
+    doubt = "" if found.sure else "; not sure: the readings do not agree"
+    yield "place", f"{who}{found.north:z.2f} m north, {found.east:z.2f} m east of the take-off point{doubt}"
+    if found.lat_lon:
+        yield "latitude, longitude", f"{found.lat_lon[0]:.7f}, {found.lat_lon[1]:.7f}"
+    if ellipse := found.ellipse():
+        major, minor, bearing = ellipse
+        angle = math.degrees(bearing) % 180
+        yield "95 % inside", f"{in_metres(major)} × {in_metres(minor)}, long axis {angle:.0f}°"
+    else:
+        yield "95 % inside", "the strategy does not say how sure it is"
+    if error is not None:
+        yield "error", f"{in_metres(error)} from the transmitter, horizontally"
 
 
 def _frames(receiver: RecordedReceiver) -> Iterator[tuple[str, str]]:
@@ -220,24 +229,55 @@ def _union(every: Iterable[Mapping[str, Any]]) -> list[str]:
     return keys
 
 
-def error_m(recording: Recording) -> float | None:
-    """Return the horizontal error of the place found [m]; None if the transmitter searched for is not known.
+def errors_m(recording: Recording) -> dict[int, float]:
+    """Return the horizontal error [m] of each place found whose transmitter is known, by its index in `places`.
 
     Without an id in the frames: from the nearest transmitter.
     """
+    search, there = recording.search, _truth(recording)
+    if search is None or not there:
+        return {}
+    found = {}
+    for index, place in enumerate(search.places):
+        at = recording.of_search([place.north, place.east, place.down or 0.0], recording.receivers[0].vehicle)
+        if at is not None:
+            away = {id_: math.dist(at[:2].tolist(), position[:2]) for id_, position in there.items()}
+            found[index] = away[place.id] if place.id in away else min(away.values())
+    return found
+
+
+def missed(recording: Recording) -> list[int]:
+    """Return the ids of the transmitters that were wanted and not found; empty if the places have no ids."""
     search = recording.search
-    if search is None or search.found is None or not recording.receivers:
-        return None
-    vehicle = recording.receivers[0].vehicle
-    place = recording.of_search([search.found.north, search.found.east, search.found.down or 0.0], vehicle)
-    end_s = recording.span_s[1]
-    moving = recording.transmitters(vehicle, end_s)
-    if place is None or moving is None:
-        return None
-    there = moving.at(end_s)
-    away = {
-        id_: math.dist(place[:2].tolist(), position[:2])
-        for id_, position in zip(there.ids, there.positions.tolist(), strict=True)
-        if id_ not in there.unplaced
-    }
-    return away[search.target] if search.target in away else min(away.values(), default=None)
+    if search is None or any(place.id is None for place in search.places):
+        return []
+    wanted = search.outcome.get("wanted", 1)
+    found = {place.id for place in search.places}
+    if isinstance(wanted, int) and len(found) >= wanted:
+        return []
+    return [id_ for id_ in _truth(recording) if id_ not in found]
+
+
+def found_of(recording: Recording) -> str:
+    """Return the number of victims found, of those wanted: "2 of 3 found, 1 not sure"; "" without a search."""
+    search = recording.search
+    if search is None:
+        return ""
+    count = sum(place.sure for place in search.places)
+    unsure = len(search.places) - count
+    wanted = search.outcome.get("wanted", 1)
+    of = wanted if isinstance(wanted, int) else len(_truth(recording)) or None
+    doubt = f", {unsure} not sure" if unsure else ""
+    return f"{count}{'' if of is None else f' of {of}'} found{doubt}"
+
+
+def _truth(recording: Recording) -> dict[int, list[float]]:
+    """Return the true places of the transmitters at the end, NED from the datum, by id; empty if they are not known."""
+    if not recording.receivers:
+        return {}
+    moving = recording.transmitters(recording.receivers[0].vehicle, recording.span_s[1])
+    if moving is None:
+        return {}
+    there = moving.at(recording.span_s[1])
+    places = zip(there.ids, there.positions.tolist(), strict=True)
+    return {id_: position for id_, position in places if id_ not in there.unplaced}

@@ -10,7 +10,7 @@ from arva_hil.events.words.text import in_metres
 from arva_hil.records.pictures.run import pictures
 from arva_hil.records.reading import Recording
 from arva_hil.records.reading.values import mapping, text
-from arva_hil.records.report.facts import error_m, facts, merged
+from arva_hil.records.report.facts import errors_m, facts, found_of, merged
 from arva_hil.records.report.html import render
 from arva_hil.safe_text import one_line
 
@@ -78,9 +78,11 @@ def _verdict(recording: Recording) -> str:
     words = []
     search = recording.search
     if search is not None:
-        words.append(f"the search ended: {one_line(search.how)}" if search.how else "the search has not ended")
-        if (error := error_m(recording)) is not None:
-            words.append(f"{in_metres(error)} from the transmitter")
+        errors = [in_metres(error) for error in errors_m(recording).values()]
+        off = f", {', '.join(errors)} from the transmitter{'s' * (len(errors) > 1)}" if errors else ""
+        words.append(found_of(recording) + off)
+        if search.how != "found":
+            words.append(f"the search ended: {one_line(search.how)}" if search.how else "the search has not ended")
     if recording.run is not None:
         words.append(
             f"the run ended: {one_line(recording.run.ended)}" if recording.run.ended else "the run has not ended"

@@ -12,19 +12,19 @@ export function outcomeOf(state, transmitters) {
   const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle })));
   const heard = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
   const wanted = state.team.length || searches[0].wanted === null ? transmitters.length || null : searches[0].wanted;
-  const found = new Set(victims.map((one, i) => one.id ?? `place ${i}`)), count = found.size;
+  const found = new Set(victims.map((one, i) => one.id ?? `place ${i}`)), sure = new Set(victims.map((one, i) => (one.sure ? one.id ?? `place ${i}` : null)).filter((id) => id !== null)), count = sure.size;
   for (const one of victims) {
     const real = transmitters.filter(({ id }) => id === one.id || one.id === null).map(({ place: [n, e] }) => Math.hypot(n - one.place[0], e - one.place[1]));
     one.off_m = real.length ? Math.min(...real) : null;
   }
-  const lacks = wanted === null ? victims.at(-1)?.left > 0 || !count : count < wanted;
+  const lacks = wanted === null ? victims.at(-1)?.left > 0 || !found.size : found.size < wanted;
   const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, heard.has(id) ? "heard, not found" : "not heard"]) : [];
-  const over = Boolean(state.ended) || searches.every((search) => search.ended), unsure = victims.filter((one) => !one.sure).length;
+  const over = Boolean(state.ended) || searches.every((search) => search.ended), unsure = found.size - count;
   const ends = [...new Set(searches.map((search) => search.ended).filter(Boolean))];
   const why = state.failed && !ends.length ? state.ended : ends.filter((words) => words !== "found").join("; ");
-  const title = !searches.some((search) => search.begun) && over ? "No search" : !count && over ? "Not found"
-    : wanted === 1 && count === 1 ? (unsure ? "Not sure" : "Found") : `${count} ${wanted === null ? "" : `of ${wanted} `}found${unsure ? `, ${unsure} not sure` : ""}`;
-  return { over, title, why, victims, missing, level: !count ? "bad" : lacks || unsure ? "warn" : "good" };
+  const title = !searches.some((search) => search.begun) && over ? "No search" : !found.size && over ? "Not found"
+    : wanted === 1 && found.size === 1 ? (unsure ? "Not sure" : "Found") : `${count} ${wanted === null ? "" : `of ${wanted} `}found${unsure ? `, ${unsure} not sure` : ""}`;
+  return { over, title, why, victims, missing, level: !found.size ? "bad" : lacks || unsure ? "warn" : "good" };
 }
 
 // The card at the top, once the search is over.
