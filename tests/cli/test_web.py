@@ -316,6 +316,23 @@ def test_a_find_and_a_failure_never_look_alike(
         page.close()
 
 
+def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab) -> None:
+    state = State("run", "field.yaml")
+    reading = Reading((ChannelReading(1, 1, 1234, -12, None),), False, False)
+    frame = Frame(5, 1, (Channel(1, 1, 1234, -12),))
+    for n, where in ((1, Pose([30.0, 30.0, -3.0], np.eye(3))), (2, None), (43, None)):
+        state.update(
+            [FrameMade(float(n), "vehicle", "receiver", n, float(n), None, where, 0.1, reading, frame, True, 0.0)]
+        )
+    page = WebPage(HostPort("127.0.0.1", 0), state)
+    try:
+        tab.open(page.address.url)
+        label = str(tab.page.locator("#map").get_attribute("aria-label"))
+        assert "vehicle last seen 42 s ago, 42 m NE of home" in label
+    finally:
+        page.close()
+
+
 def overlap(a: list[float], b: list[float]) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 

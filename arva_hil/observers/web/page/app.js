@@ -7,7 +7,7 @@ import { showMap, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
 import { Player } from "./player.js";
 import { hearTone, setTone } from "./tone.js";
-import { E, N, Store, T, clock, css, el, forgetColours } from "./store.js";
+import { E, N, Store, T, YAW, away, clock, css, el, forgetColours } from "./store.js";
 
 const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, ENDED_MS = 3000, PLOT_MS = 500;
 const $ = (id) => document.getElementById(id);
@@ -104,14 +104,24 @@ function show() {
   if (performance.now() - plotted > PLOT_MS || state.ended) { plotted = performance.now(); showPlots(every, shown); }
 }
 
-// One for each vehicle: its chosen receiver, or its first.
+// One for each vehicle: its chosen receiver, or its first. `ghost`: where it was seen last, if it is not seen any more.
 function vehicles() {
-  const found = new Map();
+  const found = new Map(), state = store.state;
   for (const [key, every] of store.points) {
     const name = key.slice(0, key.lastIndexOf("/"));
-    if (!found.has(name) || key === chosen) found.set(name, { key, name, points: every, period: period(every) });
+    if (!found.has(name) || key === chosen) found.set(name, { key, name, points: every, period: period(every), ghost: ghostOf(state, name, every) });
   }
   return [...found.values()];
+}
+
+function ghostOf(state, name, every) {
+  const last = every.at(-1), placed = every.findLast((point) => point[N] !== null);
+  const silent = state.vehicles.some((one) => one.silent && one.name === name), old = !state.ended && name === chosen.slice(0, chosen.lastIndexOf("/")) && stale();
+  if (!placed || (placed === last && !silent && !old)) return null;
+  const waited = old ? (performance.now() - newestAt) / 1000 : 0, age = Math.max(0, (state.at ?? Math.max(state.time_s, last[T])) - placed[T]) + waited;
+  const search = state.team.find((one) => one.vehicle === name) ?? state.search, from = search?.take_off ?? [0, 0];
+  const seen = age < 100 ? `${age.toFixed(0)} s` : `${(age / 60).toFixed(0)} min`;
+  return { place: [placed[N], placed[E], placed[YAW] ?? 0], words: `last seen ${seen} ago, ${away([placed[N] - from[0], placed[E] - from[1]])} ${search ? "take-off" : "home"}` };
 }
 
 // Of vehicles with homes of their own each has its own transmitters: those of the one that is shown.
@@ -127,7 +137,9 @@ function mine(state) {
 }
 
 function describe(state, last, shown) {
-  const parts = [last && last[N] !== null ? `vehicle at ${last[N].toFixed(1)} m north, ${last[E].toFixed(1)} m east` : "vehicle not placed"];
+  const ghosts = vehicles().filter((one) => one.ghost), ghost = ghosts.find((one) => one.key === chosen)?.ghost;
+  const parts = [ghost ? `vehicle ${ghost.words}` : last && last[N] !== null ? `vehicle at ${last[N].toFixed(1)} m north, ${last[E].toFixed(1)} m east` : "vehicle not placed"];
+  for (const one of ghosts) if (one.key !== chosen) parts.push(`${one.name} ${one.ghost.words}`);
   if (shown) for (const one of own(state.transmitters).slice(0, 8)) parts.push(`transmitter ${one.id} at ${one.place[0].toFixed(1)} m north, ${one.place[1].toFixed(1)} m east`);
   for (const { vehicle, found } of [...(state.search ? [state.search] : []), ...state.team]) if (found) parts.push(`${vehicle ? `${vehicle}: ` : ""}place found at ${found.place[0].toFixed(1)} m north, ${found.place[1].toFixed(1)} m east`);
   return `Map: ${parts.join("; ")}. Arrow keys move it, plus and minus zoom.`;

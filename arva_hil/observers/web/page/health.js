@@ -26,7 +26,7 @@ export function checks(state, point, stale, name) {
   const own = name?.split("/")[0];
   for (const vehicle of state.vehicles) {
     const label = state.vehicles.length > 1 ? vehicle.name : "vehicle";
-    if (vehicle.silent) rows.push(["bad", label, "no heartbeat", vehicle.label]);
+    if (vehicle.silent) rows.push(["bad", label, "no heartbeat", `${vehicle.label}: is it powered, and in range of its link?`]);
     else rows.push([vehicle.label ? "good" : "bad", label, vehicle.label || "not found yet"]);
     if (vehicle.name !== own && state.vehicles.length > 1) continue;
     for (const stream of vehicle.streams) {

@@ -86,7 +86,9 @@ function draw(time) {
   if (scene.search) drawSearch(scene.search);
   if (scene.truth) scene.transmitters.forEach(drawTransmitter);
   let moving = false;
+  for (const vehicle of scene.vehicles) if (vehicle.ghost) drawGhost(vehicle);
   scene.vehicles.forEach((vehicle) => {
+    if (vehicle.ghost) return;
     const place = glides.get(vehicle.key) && now(glides.get(vehicle.key));
     if (!place) return;
     drawVehicle(place, vehicle, vehicle === own);
@@ -193,6 +195,24 @@ function drawTransmitter(one) {
 
 function disc(x, y, radius, colour) { ink.beginPath(); ink.arc(x, y, radius, 0, 2 * Math.PI); ink.fillStyle = colour; ink.fill(); }
 
+// A vehicle that is not seen any more, where it was last: dashed, with its age, distance and direction.
+function drawGhost(vehicle) {
+  const [north, east, yaw] = vehicle.ghost.place, x = view.x(east), y = view.y(north), colour = css("--warn");
+  ink.save();
+  ink.translate(x, y);
+  ink.rotate((yaw * Math.PI) / 180);
+  ink.globalAlpha = 0.6;
+  drawFrame(colour, 11);
+  ink.restore();
+  ink.strokeStyle = colour;
+  ink.lineWidth = 2.5;
+  ink.setLineDash([5, 5]);
+  ink.beginPath(); ink.arc(x, y, 24, 0, 2 * Math.PI); ink.stroke();
+  ink.setLineDash([]);
+  names.avoid(x, y, 24);
+  names.add(`${scene.vehicles.length > 1 ? `${vehicle.name} ` : ""}${vehicle.ghost.words}`, x, y, colour, 0, BESIDE(28));
+}
+
 function drawVehicle([north, east, yaw], vehicle, own) {
   const x = view.x(east), y = view.y(north), best = own ? nearest(vehicle.points.at(-1)) : null;
   ink.save();
@@ -200,15 +220,7 @@ function drawVehicle([north, east, yaw], vehicle, own) {
   if (best && best[ZONE] !== 2) drawBearing(yaw + best[DELTA], colourOf(best[0]), best[CM] / 100 * view.scale);
   ink.rotate((yaw * Math.PI) / 180);
   const colour = own ? css("--ink") : css("--soft"), r = own ? 11 : 9;
-  ink.lineCap = "round";
-  for (const [width, style] of [[6, css("--ground")], [2.6, colour]]) {
-    ink.strokeStyle = style;
-    ink.lineWidth = width;
-    ink.beginPath();
-    for (const [sx, sy] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) { ink.moveTo(0, 0); ink.lineTo(sx * r * 0.8, sy * r * 0.8); }
-    ink.stroke();
-    for (const [sx, sy] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) { ink.beginPath(); ink.arc(sx * r * 0.8, sy * r * 0.8, r * 0.45, 0, 2 * Math.PI); ink.stroke(); }
-  }
+  drawFrame(colour, r);
   ink.fillStyle = own ? css("--c1") : colour;
   ink.strokeStyle = css("--ground");
   ink.lineWidth = 1.5;
@@ -221,6 +233,19 @@ function drawVehicle([north, east, yaw], vehicle, own) {
   names.avoid(x, y, 1.3 * r);
   if (scene.vehicles.length > 1) names.add(vehicle.name, x, y, colour, own ? 0 : 3, BESIDE(17));
   else if (height !== null && height !== undefined) names.add(`${fixed(-height)} m`, x, y, css("--soft"), 0, BESIDE(17));
+}
+
+// Arms and rotors of a multirotor.
+function drawFrame(colour, r) {
+  ink.lineCap = "round";
+  for (const [width, style] of [[6, css("--ground")], [2.6, colour]]) {
+    ink.strokeStyle = style;
+    ink.lineWidth = width;
+    ink.beginPath();
+    for (const [sx, sy] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) { ink.moveTo(0, 0); ink.lineTo(sx * r * 0.8, sy * r * 0.8); }
+    ink.stroke();
+    for (const [sx, sy] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) { ink.beginPath(); ink.arc(sx * r * 0.8, sy * r * 0.8, r * 0.45, 0, 2 * Math.PI); ink.stroke(); }
+  }
 }
 
 // Where the receiver points: ahead solid, the opposite way dashed.

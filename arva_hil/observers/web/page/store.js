@@ -78,6 +78,13 @@ export function fixed(number, digits = 1) {
   return number < 0 && Number(text) ? `−${text}` : text;
 }
 
+const COMPASS = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
+// A way on the ground, [north, east] in metres, as a distance and a direction.
+export function away([n, e]) {
+  const m = Math.hypot(n, e);
+  return m < 0.5 ? "at" : `${m.toFixed(m < 10 ? 1 : 0)} m ${COMPASS[Math.round(Math.atan2(e, n) / (Math.PI / 4) + 8) % 8]} of`;
+}
+
 // An error or uncertainty with its unit, never as 0.0 m.
 export function precise(m, digits) {
   if (m < 0.01) return "less than 1 cm";
