@@ -96,8 +96,9 @@ def _draw_transmitters(axes: Axes, transmitters: Transmitters) -> list[Any]:
         if id_ in transmitters.unplaced or not np.isfinite(place).all():
             continue
         along = transmitters.rotations[n, :2, 0] * 2.0
-        label, (colour, marker) = None if seen else "transmitter and its dipole", look_of(id_)
-        axes.plot(place[1], place[0], marker, ms=9, color=colour, mec="white", zorder=5, label=label)
+        colour, marker = look_of(id_)
+        name = None if seen else "transmitter and its dipole"
+        axes.plot(place[1], place[0], marker, ms=9, color=colour, mec="white", zorder=5, label=name)
         axes.plot(
             [place[1] - along[1], place[1] + along[1]],
             [place[0] - along[0], place[0] + along[0]],
