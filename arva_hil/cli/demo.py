@@ -130,7 +130,7 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
             gps_noise_m=options.gps_noise,
             wires=wires,
             observers=surroundings.observers,
-            tell_packets=bool(options.record),
+            tell_packets=bool(options.record or surroundings.page),
             emit=_news(surroundings) if team else None,
             log=log.row if log else None,
         )

@@ -56,7 +56,7 @@ def main(options: argparse.Namespace) -> int:
             start=0.0,
             max_age_s=options.max_age,
             look_ahead_s=LOOK_AHEAD_S,
-            tell_packets=bool(options.record),
+            tell_packets=bool(options.record or surroundings.page),
         )
         speed = options.speed or (1.0 if options.port else math.inf)
         clock = None if speed == math.inf else RealClock(speed)

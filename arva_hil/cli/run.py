@@ -50,7 +50,7 @@ def main(options: argparse.Namespace) -> int:
             start=start,
             timeout_s=min(options.timeout, options.duration),
             max_age_s=options.max_age,
-            tell_packets=bool(options.record),
+            tell_packets=bool(options.record or surroundings.page),
             spread=True,
         )
         live = Live(emulator, autopilots, ports, surroundings.audience)

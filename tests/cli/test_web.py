@@ -316,6 +316,24 @@ def test_a_find_and_a_failure_never_look_alike(
         page.close()
 
 
+def test_late_frames_are_no_good_health(tab: Tab) -> None:
+    state = State("run", "field.yaml")
+    state.update([VehicleFound(1.0, "vehicle", "quadrotor 1/1", 2, False)])
+    reading, where = Reading((), False, False), Pose([30.0, 30.0, -3.0], np.eye(3))
+    for n, late_s in ((1, 0.001), (2, 0.330)):
+        made = FrameMade(
+            float(n), "vehicle", "receiver", n, float(n), None, where, 0.1, reading, Frame(n, 1, ()), True, late_s
+        )
+        state.update([made])
+    page = WebPage(HostPort("127.0.0.1", 0), state)
+    try:
+        tab.open(page.address.url)
+        assert tab.text("#pill-text") == "frames late: up to 330 ms"
+        assert "end other programs" in tab.text("#checks")
+    finally:
+        page.close()
+
+
 def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab) -> None:
     state = State("run", "field.yaml")
     reading = Reading((ChannelReading(1, 1, 1234, -12, None),), False, False)

@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from arva_hil.events import DatumSet, FrameMade, LinkBack, LinkLost, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events import (
+    DatumSet,
+    FrameMade,
+    LinkBack,
+    LinkLost,
+    PacketsReceived,
+    ReceiverStatus,
+    StatusReport,
+    VehicleStatus,
+)
 from arva_hil.events.searches import (
     BeliefChanged,
     FrameHeard,
@@ -25,6 +34,7 @@ from arva_hil.events.searches import (
     WaitingFor,
 )
 from arva_hil.events.vehicles import AutopilotText, VehicleFound, VehicleLost
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.model.field import rotation
 from arva_hil.model.field.dipole import Transmitters
 from arva_hil.model.field_lines import field_lines
@@ -181,6 +191,43 @@ def test_streams_counters_and_links_are_shown() -> None:
     assert (link["open"], link["losses"], link["why"]) == (False, 1, "unplugged")
     state.update([LinkBack(3.0, "port", "/dev/ttyUSB0", 1.0)])
     assert shown(state)["links"][0]["open"]
+
+
+def packets(time_s: float, *messages: Any) -> PacketsReceived:
+    parser, encoder = Parser(), Encoder(1, 1)
+    return PacketsReceived(time_s, "autopilot", parser.feed(b"".join(map(encoder.pack, messages))))
+
+
+def checks(state: State) -> dict[str, list[str]]:
+    (vehicle,) = shown(state)["vehicles"]
+    return {name: [level, value, cure] for level, name, value, cure in vehicle["checks"]}
+
+
+def test_the_vehicle_s_own_state_is_shown_with_the_cure() -> None:
+    state = State("run", "")
+    beat = dialect.MAVLink_heartbeat_message(2, 3, 128, 4, 4, 3)  # of an ArduCopter: GUIDED, armed
+    power = dialect.MAVLink_sys_status_message(0, 0, 0, 0, 15100, -1, 12, 0, 0, 0, 0, 0, 0)
+    fix = dialect.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 0, 0, 0, 0, 3)
+    lost = dialect.MAVLink_ekf_status_report_message(0, 0, 0, 0, 0, 0)
+    state.update([status(), packets(5.0, beat, power, fix, lost)])
+    said = checks(state)
+    assert said["mode"] == ["good", "GUIDED, armed", ""]
+    assert said["battery"] == ["bad", "12 %, 15.1 V", "land, and change the battery"]
+    assert said["GPS"][:2] == ["bad", "no fix, 3 satellites"]
+    assert said["EKF"][:2] == ["bad", "no position"]
+    assert said["link"] == ["good", "0.0 s ago", ""]
+    assert all(cure for level, _, cure in said.values() if level != "good")
+    well = dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 0, 0, 0, 0, 14)
+    knows = dialect.MAVLink_ekf_status_report_message(dialect.EKF_POS_HORIZ_ABS, 0.1, 0.1, 0.1, 0.1, 0.1)
+    state.update([packets(6.0, well, knows), status(12.5)])
+    said = checks(state)
+    assert said["GPS"] == ["good", "3D fix, 14 satellites", ""]
+    assert said["EKF"] == ["good", "position known", ""]
+    assert said["link"][:2] == ["bad", "6.5 s ago"]
+    turned = dialect.MAVLink_estimator_status_message(0, dialect.ESTIMATOR_POS_HORIZ_ABS, 0, 0, 0, 1.3, 0, 0, 0, 0)
+    state.health.forget()
+    state.update([status(13.0), packets(13.0, turned)])
+    assert checks(state)["EKF"][:2] == ["warn", "compass 1.3"]
 
 
 def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_shown_once() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 from arva_hil import events
 from arva_hil.events import Event, StatusReport, VehicleStatus, vehicles
+from arva_hil.observers.web.vitals import Vitals
 from arva_hil.safe_text import one_line
 
 
@@ -21,9 +22,12 @@ class Health:
         self._labels: dict[str, str] = {}
         self._silent: set[str] = set()
         self._report: StatusReport | None = None
+        self._vitals = Vitals()
 
     def observe(self, event: Event) -> None:
-        if isinstance(event, StatusReport):
+        if isinstance(event, events.PacketsReceived):
+            self._vitals.on_packets(event)
+        elif isinstance(event, StatusReport):
             self._report = event
         elif isinstance(event, events.LinkEvent):
             self._on_link(event)
@@ -39,6 +43,7 @@ class Health:
         """Forget what has happened."""
         self._labels.clear()
         self._silent.clear()
+        self._vitals.forget()
         self._report = None
         for name, link in self._links.items():
             self._links[name] = _link(link["address"])
@@ -47,11 +52,12 @@ class Health:
         """Add an open link."""
         self._links.setdefault(name, _link(address))
 
-    def vehicles(self) -> list[dict[str, Any]]:
-        """Return the vehicles, each with its streams, counters and receivers."""
-        if self._report is None:
-            return [self._bare(name) for name in self._labels]
-        return [self._vehicle(status) for status in self._report.vehicles]
+    def vehicles(self, now: float = 0.0) -> list[dict[str, Any]]:
+        """Return the vehicles, each with its streams, counters, receivers and checks at time `now`."""
+        every = [self._bare(name) for name in self._labels]
+        if self._report is not None:
+            every = [self._vehicle(status) for status in self._report.vehicles]
+        return [{**vehicle, "checks": self._vitals.checks(vehicle["label"], now)} for vehicle in every]
 
     def links(self) -> list[dict[str, Any]]:
         """Return the links, each with address, state, and number and reason of its losses."""

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from arva_hil.clock import RealClock
-from arva_hil.events import BytesSent, Event, PacketsReceived
+from arva_hil.events import BytesSent, Event
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
 from arva_hil.observers.web.state import State
@@ -45,7 +45,7 @@ class WebPage:
 
     def observe(self, event: Event) -> None:
         """See `Observer`."""
-        if not isinstance(event, PacketsReceived | BytesSent):
+        if not isinstance(event, BytesSent):
             self._waiting.append(event)
 
     def close(self, how: str = "ended", failed: bool = False) -> None:

@@ -6,7 +6,7 @@ import secrets
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
+from arva_hil.events import DatumSet, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.events.searches import FrameHeard, FromSearch
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
@@ -101,7 +101,9 @@ class State:
         for event in batch:
             by_search = isinstance(event, FromSearch)
             told = event.event if isinstance(event, FromSearch) else event
-            if isinstance(told, FrameMade):
+            if isinstance(told, PacketsReceived):
+                self.health.observe(told)
+            elif isinstance(told, FrameMade):
                 frames.setdefault((told.vehicle, told.receiver), []).append(told)
             elif isinstance(told, FrameHeard):
                 if self._alone or not by_search:
@@ -236,7 +238,7 @@ class State:
             "ended": self._ended,
             "failed": self._failed,
             "origin": self.places.origin,
-            "vehicles": self.health.vehicles(),
+            "vehicles": self.health.vehicles(self._time_s),
             "links": self.health.links(),
             "search": self._searches[""].document() if "" in self._searches else None,
             "team": [shown for name, one in self._searches.items() if name and (shown := one.document())],

@@ -84,7 +84,7 @@ function show() {
   showChoice();
   showDisplay(last, old);
   hearTone(last, old);
-  showChecks(checks(state, last, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
+  showChecks(checks(state, every, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
   showEvents(store.events);
   const search = mine(state);

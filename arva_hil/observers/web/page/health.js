@@ -1,44 +1,51 @@
 // What is wrong stands out: each check has a level, and the worst one is in the header.
 
-import { AGE, N, clock, el, fixed, precise } from "./store.js";
+import { AGE, LATE, N, clock, el, fixed, precise } from "./store.js";
 
 const ORDER = ["good", "warn", "bad"];
 const LEVELS = { info: "info", warning: "warn", error: "bad" };
 const SHORT = { GLOBAL_POSITION_INT: "position", ATTITUDE: "attitude" };
 const QUIET = new Set(["bytes_received", "packets_received", "packets_ignored"]);
+const LATE_MS = 50; // as the emulator
 const $ = (id) => document.getElementById(id);
 let shownEvents = "";
 
-function readingChecks(state, point, stale) {
-  const rows = [];
+function readingChecks(state, every, stale) {
+  const rows = [], point = every.at(-1);
   if (point) {
     const age = point[AGE];
     if (point[N] === null) rows.push([state.kind === "search" ? "good" : "bad", "pose", state.kind === "search" ? "on the ground" : "none", state.kind === "search" ? "" : "frames say no signal"]);
-    else rows.push([age > 1000 ? "warn" : "good", "pose", age === null ? "there" : `${Math.round(age)} ms old`]);
+    else rows.push([age > 1000 ? "warn" : "good", "pose", age === null ? "there" : `${Math.round(age)} ms old`, age > 1000 ? "raise the rate of the autopilot's position, or use a faster link" : ""]);
   } else rows.push(["warn", "reading", "none yet"]);
-  if (stale) rows.push(["bad", "reading", "no new one"]);
+  if (stale) rows.push(["bad", "reading", "no new one", "does the autopilot still send its position? See its streams and links"]);
+  const late = Math.max(0, ...every.slice(-10).map((one) => one[LATE] ?? 0));
+  if (late > LATE_MS) rows.push(["warn", "frames late", `up to ${late.toFixed(0)} ms`, "this computer has more to do than it can: end other programs, or lower --rate"]);
   return rows;
 }
 
 // Rows of [level, name, value, why]; those of the reading stand below its vehicle.
-export function checks(state, point, stale, name) {
+export function checks(state, every, stale, name) {
   const rows = [];
   const own = name?.split("/")[0];
   for (const vehicle of state.vehicles) {
     const label = state.vehicles.length > 1 ? vehicle.name : "vehicle";
     if (vehicle.silent) rows.push(["bad", label, "no heartbeat", `${vehicle.label}: is it powered, and in range of its link?`]);
     else rows.push([vehicle.label ? "good" : "bad", label, vehicle.label || "not found yet"]);
-    if (vehicle.name !== own && state.vehicles.length > 1) continue;
+    const many = state.vehicles.length > 1;
+    for (const [level, what, value, cure] of vehicle.checks) {
+      if (vehicle.name === own || !many || level !== "good") rows.push([level, many ? `${vehicle.name}: ${what}` : what, value, cure]);
+    }
+    if (vehicle.name !== own && many) continue;
     for (const stream of vehicle.streams) {
       const asked = stream.asked_hz, slow = asked ? stream.hz < 0.5 * asked : stream.hz < 2;
-      rows.push([slow ? "warn" : "good", SHORT[stream.name] ?? stream.name.toLowerCase(), `${stream.hz.toFixed(0)} Hz${asked ? ` of ${asked.toFixed(0)}` : ""}`]);
+      rows.push([slow ? "warn" : "good", SHORT[stream.name] ?? stream.name.toLowerCase(), `${stream.hz.toFixed(0)} Hz${asked ? ` of ${asked.toFixed(0)}` : ""}`, slow ? "the link is too slow, or another program sets the rate: arva-hil doctor" : ""]);
     }
     for (const receiver of vehicle.receivers) {
       rows.push([receiver.dropped ? "warn" : "good", state.receivers.length > 1 ? `frames of ${receiver.name}` : "frames", String(receiver.frames - receiver.dropped), receiver.dropped ? `${receiver.dropped} dropped: nobody read them` : ""]);
     }
-    if (vehicle.name === own) rows.push(...readingChecks(state, point, stale));
+    if (vehicle.name === own) rows.push(...readingChecks(state, every, stale));
   }
-  if (!state.vehicles.some((vehicle) => vehicle.name === own)) rows.push(...readingChecks(state, point, stale));
+  if (!state.vehicles.some((vehicle) => vehicle.name === own)) rows.push(...readingChecks(state, every, stale));
   for (const link of state.links) {
     const lost = link.losses ? `lost ${link.losses} ×` : "";
     rows.push([link.open ? (link.losses ? "warn" : "good") : "bad", link.name, link.open ? lost || "open" : "lost", link.open ? "" : link.why]);
