@@ -6,14 +6,14 @@ from collections.abc import Iterable
 
 
 def nearest(text: str, names: Iterable[str]) -> str | None:
-    """Return the name most like a text, None when none is."""
+    """Return the name that is most similar to a text; None if no name is similar."""
     from difflib import get_close_matches  # slow to import
 
     return next(iter(get_close_matches(text, list(names), 1)), None)
 
 
 class ArvaError(Exception):
-    """The base of all errors of this package. `str()` says what is wrong, where, and the cure.
+    """The base of all errors of this package. `str()` gives the problem, its place, and the cure.
 
     A caller's mistake raises ValueError; some of these are ArvaErrors too.
     """
@@ -33,4 +33,4 @@ class KindError(ArvaError):
 
 
 class UnknownKindError(KindError):
-    """No kind of this name is built in or in an installed package."""
+    """There is no kind of this name, neither built in nor in an installed package."""

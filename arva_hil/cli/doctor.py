@@ -31,10 +31,10 @@ from arva_hil.registry import over_mavlink
 from arva_hil.runtime.loop import run
 
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
-_TRY_S: Final = 1.3  # for each baud rate; a heartbeat comes in this time
-_ANSWER_S: Final = 2.0  # for a vehicle to stream what it is asked for
+_TRY_S: Final = 1.3  # listen to each baud rate for this time, in which a heartbeat comes
+_ANSWER_S: Final = 2.0  # wait this long for requested streams
 _STAYS: Final = ("permission denied", "busy", "refused")  # the option is right, and the cure is elsewhere
-_FOUND_AT: Final = 27  # the column in which what was found begins
+_FOUND_AT: Final = 27  # column of the findings
 _COLOURS: Final = {"ok": GOOD, "note": DOUBTFUL, "fail": BAD}
 
 
@@ -148,7 +148,7 @@ class Doctor:
         seconds, start = self.options.listen, self.clock.now()
 
         def enough() -> bool:
-            """Return True after the time asked for. A vehicle that is found late gets time to answer."""
+            """Return True after the time of --listen. A vehicle that is found late gets time to answer."""
             late = probe.followed_at + min(seconds, _ANSWER_S) if probe and probe.session.vehicle else start
             return (probe is not None and probe.over) or self.clock.now() >= max(start + seconds, late)
 

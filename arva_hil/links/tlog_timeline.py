@@ -12,16 +12,16 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 _BOOT_IDS: Final = (30, 31, 33)  # ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT
-_BACK_US: Final = 1_000_000  # two writers of one log may differ by this
+_BACK_US: Final = 1_000_000  # two writers of one log may differ by this much
 _AHEAD_US: Final = 3_000_000  # the longest pause that is not checked
 _HOUR_US: Final = 3_600_000_000
 _DAY_US: Final = 86_400_000_000
 _REMEMBERED: Final = 1024  # records
 _LOOK_AHEAD: Final = 400  # records that are read before a step is judged
-_LOOK_AHEAD_US: Final = 3_000_000  # at most this much of the log's new time
+_LOOK_AHEAD_US: Final = 3_000_000  # judge a step within this much of the log's new time
 _AGREE_US: Final = 1_000_000  # boot times of one instant may differ by this, because of delays
 _SAME_US: Final = 2_000_000  # a pause by the log's clock and by the vehicle's may differ by this
-_SAME_SHARE: Final = 0.05  # or by this share of it
+_SAME_SHARE: Final = 0.05  # a long pause may differ by this share of it
 _MOST_SOURCES: Final = 16
 
 _Source = tuple[int, int]  # system, component
@@ -40,7 +40,7 @@ class Record(NamedTuple):
 
 
 class Timeline(Iterator[Record]):
-    """Iterates once over the records of a log. Their times never go back by more than a second.
+    """The records of a log, to be read once. Their times never go back by more than a second.
 
     The log's time stamps are kept if they are continuous. A step is removed: the boot times of vehicles before
     and after it give the true length of the pause. A pause that they confirm is kept, and so is one of up to an hour
@@ -57,7 +57,7 @@ class Timeline(Iterator[Record]):
         self.strays = 0
         self._tell = tell
         self._records = iter(records)
-        self._ahead: deque[Record] = deque()  # read, but not returned yet
+        self._ahead: deque[Record] = deque()  # records read, but not returned yet
         self._past: deque[Record] = deque(maxlen=_REMEMBERED)  # returned lately
         self._shift = 0  # time line minus the log's stamps [µs]
         self._clocks: dict[_Source, int] = {}  # without stamps: time line minus a vehicle's boot time [µs]

@@ -21,7 +21,7 @@ _HEIGHTS_M: Final = (-500.0, 9000.0)
 
 
 class TerrainRequests:
-    """The places whose height is to be requested, and the answers in `heights` [m AMSL].
+    """The places with a wanted height, and the answers in `heights` [m AMSL].
 
     Each place is requested until the autopilot answers: it may have to fetch its data first.
     """
@@ -38,7 +38,7 @@ class TerrainRequests:
         self._open = list(dict.fromkeys(places))
 
     def on_packets(self, received: Received) -> bool:
-        """Use what the session received. Returns whether the last missing answer is among them."""
+        """Use what the session received. Returns True if the last missing answer is among them."""
         if not self._open:
             return False
         low, high = _HEIGHTS_M

@@ -15,13 +15,13 @@ from arva_hil.search.mission.reading_checks import NewFrames
 from arva_hil.search.mission.receiver_host import ReceiverHost
 from firmware_proto import Frame, FrameDecoder, HostForm
 
-_SILENT_S: Final = 2.0  # without a frame: the receiver does not work
+_SILENT_S: Final = 2.0  # after this time without a frame the receiver is lost
 _MOST_READS: Final = 64
 _SHOWN: Final = 16  # report so many bytes, if there is no frame in them
 
 
 class ReceiverLink:
-    """Remembers what came from the receiver's link and when. After it is unplugged it is silent, without an error.
+    """The receiver's link, with its newest frames and their times. An unplugged link is silent, without an error.
 
     `emit` gets the events of a link that is lost and comes back. Other kinds of links do not come back. `host`: for
     commands on the same port, None without `form`.

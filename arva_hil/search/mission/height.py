@@ -15,28 +15,28 @@ from arva_hil.search.team.team import Teammate
 _GAIN: Final = 1.0  # 1/s; k_z of the paper
 _CLIMB: Final = 1.0  # m/s
 _SINK: Final = 0.5
-_SLOWER_M: Final = (1.0, 3.0)  # above the height wanted, as measured: there it flies slower, and does not fly on
-_LEAST: Final = 0.5  # of the height wanted: below it the vehicle only climbs,
-_CLEAR: Final = 0.75  # up to this share
-_RECOVERY_S: Final = 10.0  # for that climb, and for a new margin; again after each
-_RISE_M: Final = 1.0  # of it,
-_LONGEST_S: Final = 60.0  # but no longer in all
+_SLOWER_M: Final = (1.0, 3.0)  # above the wanted height: fly slower, and stop
+_LEAST: Final = 0.5  # below this share of the wanted height the vehicle only climbs
+_CLEAR: Final = 0.75  # climb up to this share
+_RECOVERY_S: Final = 10.0  # limit of that climb; it begins again after each rise, and with a new margin
+_RISE_M: Final = 1.0  # of the height: a rise
+_LONGEST_S: Final = 60.0  # limit of that climb in all
 
 _LAND_M: Final = (0.5, 1.5)  # the height at which the autopilot lands, with and without a rangefinder
 _APPROACH_M_S: Final = 1.0  # the highest horizontal speed in the descent
-_ABOVE_M: Final = 0.4  # from the place: nearer is above it; farther away it does not descend
-_LOWEST: Final = 0.6  # of the height at which the autopilot lands: lower it lands beside the place, too
+_ABOVE_M: Final = 0.4  # descend only within this distance of the place
+_LOWEST: Final = 0.6  # below this share of the landing height it also lands beside the place
 _SETTLED_M: Final = 0.15
-_REST_M: Final = 0.5  # above that height: there it comes to rest above the place
+_REST_M: Final = 0.5  # above the landing height: stop there above the place
 _LAST_SPEED: Final = 0.3  # m/s, down, for the last metres
 _LAST_M: Final = 2.0
-_WAIT_S: Final = 5.0  # for it to come to rest, low
-_MOST_DESCENTS: Final = 3  # descents, while another one stays below
-_LIMIT_S: Final = 30.0  # plus 5 s per metre; then it lands where it is
+_WAIT_S: Final = 5.0  # wait this long for the stop
+_MOST_DESCENTS: Final = 3  # tries, while another vehicle stays below
+_LIMIT_S: Final = 30.0  # plus 5 s a metre; after that it lands where it is
 
 
 class HeightKeeper:
-    """The height of the vehicle above the ground, and whether it is too low.
+    """The control of the height above the ground.
 
     - `too_low`: the vehicle only climbs. `failed`: it does not climb.
     - `pace`: the share of the speed at which the height can follow the ground, before a rangefinder loses it.
@@ -50,7 +50,7 @@ class HeightKeeper:
         self.pace = 1.0
         self.wanted = self.asked = wanted
         self.ground: float | None = None
-        self._reached = False  # whether the height was reached once, after the climb from the take-off
+        self._reached = False  # True if the height was reached once, after the climb from the take-off
         self._late_s = self._last_s = math.inf  # when it has failed without a rise, and in any case
         self._risen_m = math.nan  # the height at the last rise
         self._emit = emit

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 from firmware_proto import Command, CommandAnswer, HostForm
 
-_ANSWER_S: Final = 1.0  # an answer takes no longer; then it is asked again
-_MOST_SENT: Final = 3  # times; then the receiver takes no commands
+_ANSWER_S: Final = 1.0  # repeat a command without an answer after this time
+_MOST_SENT: Final = 3  # after so many tries the receiver takes no commands
 
 
 class Asked(NamedTuple):
@@ -20,7 +20,7 @@ class Asked(NamedTuple):
 
 
 class ReceiverHost:
-    """Remembers the commands that are not answered yet. One at a time is asked, at most three times.
+    """The commands without an answer. One at a time is sent, at most three times.
 
     `write`: bytes to the port, False if it does not take them now. `form`: of commands and answers.
     """
@@ -36,11 +36,11 @@ class ReceiverHost:
 
     @property
     def busy(self) -> bool:
-        """True if a question is not answered yet."""
+        """True if a command has no answer yet."""
         return bool(self._waiting)
 
     def ask(self, name: str, *values: int) -> None:
-        """Ask this after all that was asked before."""
+        """Queue a command after the earlier ones."""
         self._number = (self._number + 1) % 256
         self._waiting.append(Command(self._number, name, values))
 
@@ -50,7 +50,7 @@ class ReceiverHost:
             self._answers += self._decoder.feed(chunk, now)
 
     def poll(self, time_s: float) -> list[Asked]:
-        """Send what is to be sent, and give what was answered, or never will be."""
+        """Send the command that is due. Returns the finished ones, with answers or without."""
         done: list[Asked] = []
         answers, self._answers = self._answers, []
         for answer in answers:
