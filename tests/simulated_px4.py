@@ -15,7 +15,7 @@ import math
 import struct
 from typing import Any
 
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE, CurrentMode
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
@@ -77,7 +77,7 @@ class Px4:
 
     def feed(self, chunk: bytes, now: float, link: int = 0) -> None:
         for packet in self._to.feed(chunk):
-            message = self._to.decode(packet)
+            message = decode(packet)
             if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in _COMMANDS:
                 results = _COMMANDS[message.command](self, message, now)
                 for result in results:
@@ -113,7 +113,7 @@ class Px4:
         return bytes(out)
 
     def _as_px4(self, packet: Packet) -> bytes:
-        message: Any = self._from.decode(packet)
+        message: Any = decode(packet)
         if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             message.autopilot, message.custom_mode = dialect.MAV_AUTOPILOT_PX4, self.mode
             remote = _RC if self.manual else 0

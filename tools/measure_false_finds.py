@@ -23,7 +23,7 @@ from arva_hil.campaign.plan import draw
 from arva_hil.campaign.trial import FOUND
 from arva_hil.clock import StepClock
 from arva_hil.config import Fault, Scenario, load
-from arva_hil.config.campaign import Random
+from arva_hil.config.drawn import Random
 from arva_hil.events.words.reasons import in_words
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
@@ -105,7 +105,7 @@ def error(drone: Drone, world: Scenario, now: float) -> float | None:
     mission = drone.mission
     if mission is None or mission.found is None:
         return None
-    place, north, east = mission.found[:2], *drone.truth()[mission.choice.target or 0]
+    place, (north, east, _) = mission.found[:2], drone.truth()[mission.choice.target or 0]
     moves = [f.by_ned for f in world.faults if f.by_ned and f.value == mission.choice.target and _on(f, now)]
     true = [(north, east), *((north + move[0], east + move[1]) for move in moves)]
     return min(math.dist(place, one) for one in true)

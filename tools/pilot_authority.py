@@ -38,7 +38,7 @@ from arva_hil.links import Link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
-from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, command, decode, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 from arva_hil.simulated import HOME
 from arva_hil.simulated.autopilot import Mode
@@ -155,7 +155,7 @@ class Bench:
         if data and not self.silent:
             self.vehicle.feed(data, now)
         for packet in self._told.feed(data):
-            self._note_order(self._told.decode(packet))
+            self._note_order(decode(packet))
         self._empty_s = now
         said = self.vehicle.poll(now)
         if said and not self.silent:
@@ -176,7 +176,7 @@ class Bench:
     def _note_word(self, said: bytes) -> None:
         for packet in self._said.feed(said):
             if packet.msgid in (dialect.MAVLINK_MSG_ID_HEARTBEAT, MAVLINK_MSG_ID_CURRENT_MODE):
-                message: Any = self._said.decode(packet)
+                message: Any = decode(packet)
                 if self.word_s is None and message.custom_mode == self.pilots_mode:
                     self.word_s = self.clock.now()
 

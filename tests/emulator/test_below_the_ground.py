@@ -13,7 +13,7 @@ from arva_hil.config.terrain import parse_grid
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import GroundFound, GroundMissing
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.one_receiver import Diary
 
@@ -42,7 +42,7 @@ class Bench:
             for packet in self._said.feed(self.vehicle.poll(self.now)):
                 data = packet.raw
                 if packet.msgid == REPORT:
-                    report = self._answer(self._said.decode(packet))
+                    report = self._answer(decode(packet))
                     data = self._encoder.pack(report) if report else b""
                 self.emulator.receive("autopilot", bytes(data), self.now)
             self.emulator.advance(self.now)
@@ -117,7 +117,7 @@ def test_strangers_tell_nothing() -> None:
         bench.run(1.0)
         for of in stranger:
             for question in bench.questions:
-                m = bench._asked.decode(question)
+                m = decode(question)
                 answer = of.pack(dialect.MAVLink_terrain_report_message(m.lat, m.lon, 30, 1650.0, 0.0, 0, 1))
                 bench.emulator.receive("autopilot", answer, bench.now)
     assert bench.down() is None

@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
-from arva_hil.campaign.plan import Random
+from arva_hil.campaign.plan import draw
 from arva_hil.config import load
+from arva_hil.config.drawn import Random
 
 from .autopilots import ArduCopter, BuiltIn, Maker, Px4
 from .flight import Flown, fly
@@ -76,7 +77,7 @@ def test_the_cases_of_the_paper(autopilot: Maker, binary: str, strategy: str, ca
 @pytest.mark.timeout(1000)
 @pytest.mark.parametrize(("autopilot", "binary", "seed"), list(anywhere()))
 def test_a_transmitter_anywhere(autopilot: Maker, binary: str, seed: int, tmp_path: Path) -> None:
-    (drawn,) = Random(40).draw(seed).transmitters
+    (drawn,) = draw(Random(40), seed).transmitters
     assert drawn.ned is not None
     roll, pitch, yaw = drawn.attitude
     place = f"{{id: 1, ned: {list(drawn.ned)}, attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}}}"

@@ -96,7 +96,7 @@ class Relay:
             return data
         chunks = []
         for packet in self._lied.feed(data):
-            message = self._lied.decode(packet)
+            message = decode(packet)
             if message is None or packet.component != 1:
                 chunks.append(packet.raw)
                 continue
