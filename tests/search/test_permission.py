@@ -105,7 +105,7 @@ def test_any_other_answer_is_no(line: str) -> None:
 
 def test_a_person_who_is_not_there_does_not_hold_it_for_ever() -> None:
     world = real(lambda: SimulatedVehicle(HOME), question=Person("yes", looks=10**6))
-    is_refused(world, "nobody said yes within 60 s: nothing was done")
+    is_refused(world, "no person typed yes within 60 s: nothing was done")
 
 
 def test_the_truth_of_a_simulator_elsewhere_is_not_this_vehicles() -> None:
