@@ -135,16 +135,15 @@ class RunningDecoder:
         return f"it ended with exit code {code}" if code else ""
 
     def close(self) -> None:
-        """Kill it if it still runs, and close all."""
+        """Kill what still runs of it, and close all."""
         if self._port is not None:
             self._port.close()
         process = getattr(self, "_process", None)
         if process is None:
             return
-        if process.poll() is None:
-            with contextlib.suppress(OSError, AttributeError):  # a script may have started other programs
-                os.killpg(process.pid, signal.SIGKILL)
-            process.kill()
+        with contextlib.suppress(OSError, AttributeError):  # programs that a script has started may still run
+            os.killpg(process.pid, signal.SIGKILL)
+        process.kill()
         for stream in (process.stdin, process.stdout):
             if stream is not None:
                 with contextlib.suppress(OSError):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import select
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -114,3 +116,13 @@ def test_a_decoder_that_does_not_open_the_port_is_told_so(in_c: list[str]) -> No
     (clause,) = (one for one in clauses() if one.name == "unplugged")
     assert "$ARVA_PORT" in judge(clause, ["sh", "-c", "sleep 60"], pty=True, patience_s=0.3).why
     assert judge(clause, in_c, pty=True).why == ""
+
+
+def test_no_program_that_a_decoder_started_is_left(tmp_path: Path) -> None:
+    (clause,) = (one for one in clauses() if one.name == "empty")
+    os.mkfifo(tmp_path / "held")
+    with open(os.open(tmp_path / "held", os.O_RDONLY | os.O_NONBLOCK), "rb") as held:
+        script = f"sleep 60 >{tmp_path}/held & cat >/dev/null"
+        assert not judge(clause, ["sh", "-c", script], patience_s=60).why
+        assert select.select([held], [], [], 10)[0]
+        assert held.read(1) == b""  # nobody writes
