@@ -33,6 +33,7 @@ from arva_hil.simulated.vehicle import SimulatedVehicle
 HOVERS_AT: Final = (0.0, 0.0, -3.0)  # NED from home, m, before the first `place_vehicle`
 LONGEST_S: Final = 1_000_000.0  # that one call of `advance` may take
 
+_MOST: Final = 1_000_000.0  # metres, seconds or degrees of a point
 _BOOTED_S: Final = -1.0  # the vehicle is there before the receiver is switched on
 _SAME_S: Final = 1e-7  # times closer than this are the same
 _LOOK_S: Final = 0.02  # of real time, between checks for a `close`
@@ -181,6 +182,7 @@ class Bench:
     def place_vehicle(self, north: float, east: float, down: float, yaw: float = 0.0) -> None:
         """Put the vehicle to a place, in metres from home, where it hovers with this heading in degrees."""
         with self._lock:
+            _check("place_vehicle", [(north, east, down, yaw)])
             self._follow("place_vehicle", [(self.now(), north, east, down, yaw)])
 
     def fly(self, points: Sequence[Sequence[float]]) -> None:
@@ -191,6 +193,7 @@ class Bench:
         with self._lock:
             if any(len(point) not in (4, 5) for point in points):
                 raise BenchError("fly: each point is (seconds, north, east, down) or (…, yaw)")
+            _check("fly", points)
             now, yaw, path = self.now(), self.truth().yaw_deg, []
             for time_s, north, east, down, *more in points:
                 yaw = more[0] if more else yaw
@@ -255,8 +258,6 @@ class Bench:
     def _follow(self, what: str, points: Sequence[Sequence[float]]) -> None:
         if not isinstance(self._vehicle, PathVehicle):
             raise BenchError(f"{what}: the built-in vehicle flies itself: make the bench without `autopilot`")
-        if not all(math.isfinite(value) for point in points for value in point):
-            raise BenchError(f"{what}: {points!r}, expected finite numbers")
         path = [PathPoint(t, (north, east, down), math.radians(yaw)) for t, north, east, down, yaw in points]
         try:
             self._vehicle.follow(path, self.now())
@@ -335,3 +336,10 @@ def _scenario(given: Scenario | str | os.PathLike[str] | None) -> Scenario:
     if scenario.vehicles:
         raise BenchError(f"{scenario.source}: vehicles: a bench has one vehicle with one receiver: leave them out")
     return scenario
+
+
+def _check(what: str, points: Sequence[Sequence[float]]) -> None:
+    """Raise BenchError if a number of a point is NaN or too large."""
+    for value in (value for point in points for value in point):
+        if not abs(value) <= _MOST:
+            raise BenchError(f"{what}: {value!r}, expected -{_MOST:g}…{_MOST:g}")
