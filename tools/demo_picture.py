@@ -44,7 +44,7 @@ def terminal(lines: list[str], width: int) -> Image.Image:
     image = Image.new("RGB", (width, LINE_PX * len(lines) + 2 * EDGE_PX), PAPER)
     draw = ImageDraw.Draw(image)
     for i, line in enumerate(lines):
-        bright = line.startswith(("$", "found", "search: found", "the "))
+        bright = line.startswith(("$", "found", "search: found", "error of "))
         colour = BRIGHT if bright else DIM if line.startswith(("scenario", "  ", "datum")) else INK
         draw.text((EDGE_PX, EDGE_PX + i * LINE_PX), line, fill=colour, font=font)
     return image
