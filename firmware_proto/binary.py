@@ -96,7 +96,7 @@ def frame_at(data: bytes, at: int, stop: int) -> Frame:
 
 
 def size_at(data: bytes, at: int) -> int:
-    """The bytes of the candidate at `at`, as far as it tells: more than are there, or 0 for a false one."""
+    """Return the size of the candidate at `at` by its head: more than are there, or 0 for a false one."""
     there = len(data) - at
     if not _CANDIDATE.match(data[at : at + 4]):
         return 0

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 SYNTHETIC: Final = 1  # status bits; always set by an emulator
 INTERFERENCE: Final = 2  # above the receiver's limit
-MORE_TRANSMITTERS: Final = 4  # more transmitters are heard than there are channels
+MORE_TRANSMITTERS: Final = 4  # more transmitters are received than there are channels
 SELF_TEST_FAULT: Final = 8
 OVERLAP: Final = 16  # pulses of several transmitters disturb each other
-NOT_SEARCHING: Final = 32  # it has gone back to sending by itself, and hears nothing
+NOT_SEARCHING: Final = 32  # it has gone back to sending by itself, and receives nothing
 
 OUTER: Final = 0  # zones
 MID: Final = 1

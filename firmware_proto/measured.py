@@ -53,7 +53,7 @@ class VectorChannel(NamedTuple):
 class LevelChannel(NamedTuple):
     """The strength of the newest pulse of one transmitter at one antenna.
 
-    `level`: in 0.01 dB of the receiver's full scale (dBFS), None if nothing is heard. The others as in `VectorChannel`.
+    `level`: in 0.01 dB of the receiver's full scale (dBFS), None without a signal. The others as in `VectorChannel`.
     """
 
     id: int | None = None

@@ -110,7 +110,7 @@ class MessageDecoder(StreamDecoder[T]):
         return end
 
     def _size(self, data: bytes, at: int) -> int:
-        """The bytes of the candidate at `at`, as far as it tells: more than are there, or 0 for a false one."""
+        """Return the size of the candidate at `at` by its head: more than are there, or 0 for a false one."""
         there = len(data) - at
         if there > 2 and data[at + 2] != VERSION:
             return 0

@@ -65,7 +65,7 @@ class Scenario(Table):
     """
 
     spec: InitVar[int] = key(SPEC, "the version of this file format", default=1, kw_only=True)
-    transmitters: tuple[Transmitter, ...] = key(_TRANSMITTERS, "who is to be found")
+    transmitters: tuple[Transmitter, ...] = key(_TRANSMITTERS, "the transmitters to find")
     datum: Datum = key(_HomeOrPlace(Lla), "the vehicle's home, or a place", default="home")
     receiver: ReceiverOptions = key(help="what it is like", default=ReceiverOptions())
     output: InitVar[OutputOptions | None] = key(help="what is sent", default=None, kw_only=True)

@@ -19,14 +19,14 @@ def advice(frame: Frame) -> str:
     if frame.status & SELF_TEST_FAULT:
         return "the receiver is broken: do not search with it"
     if not nearest.valid:  # d alone decides whether anything is received
-        return "nothing is heard"
+        return "no signal"
     text = f"transmitter {nearest.id}: d {nearest.d / 100:.2f} m"
     if nearest.zone == INNER:  # δ is not valid here
-        return f"{text}: go slowly, look for the smallest d"
+        return f"{text}: go slowly, find the smallest d"
     if frame.status & INTERFERENCE:
         return f"{text}: disturbed, wait for the next reading"
     side = "right" if nearest.delta > 0 else "left"
-    return f"{text}: turn {abs(nearest.delta)} degrees {side}, or the opposite way"
+    return f"{text}: turn {abs(nearest.delta)} degrees {side}, or in the opposite direction"
 
 
 def main() -> None:

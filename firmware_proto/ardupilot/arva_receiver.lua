@@ -61,7 +61,7 @@ local function Decoder(on_frame)
    local frame = {id = {}, zone = {}, marked = {}, d = {}, delta = {}}
    local held, came = {}, {}     -- rings: a byte, when it came
    local first, count = 0, 0     -- of the candidate in them
-   local wait = 1                -- for so many bytes before it is looked at again
+   local wait = 1                -- so many bytes are missing before the next check
    local work = 0                -- that may still be done in this call
    local sequence = nil
    for k = 0, RING do
@@ -320,13 +320,13 @@ local function MessageDecoder(want, on_message)
    local self = {good = 0, bad_crc = 0, dropped = 0, left = math.huge}
    local held, came = {}, {}     -- rings of 256: a byte, when it came
    local first, count = 0, 0     -- of the candidate in them
-   local wait = 1                -- for so many bytes before it is looked at again
+   local wait = 1                -- so many bytes are missing before the next check
 
    local function at(offset)
       return held[first + offset & 255]
    end
 
-   -- the bytes that the candidate needs, as far as it tells; 0 when it is a false one
+   -- the bytes that the candidate needs, by its head so far; 0 if it is a false one
    local function needs()
       if held[first] ~= SYNC_0 or (count > 1 and held[first + 1 & 255] ~= SYNC_1)
             or (count > 2 and held[first + 2 & 255] ~= VERSION_2) then
@@ -480,7 +480,7 @@ local function Commands(port, on_end)
       end
    end)
 
-   -- the port to read from: while a command waits, one that shows each byte to the decoder, too
+   -- the port to read from: while a command waits, one that also feeds each byte to the decoder
    local shared = {
       read = function()
          local byte = port:read()
@@ -620,7 +620,7 @@ local function start(now, on_frame)
 
    local self = {healthy = false}
    local decoder
-   local heard = false          -- whether there was ever a good frame
+   local heard = false          -- true after the first good frame
    local waiting = true         -- for a good frame or the end of the health time-out
    local frame_ms = now         -- when the last good frame came
    local knock_ms = now

@@ -38,7 +38,7 @@ local STICK_MIDDLE = 0.2      -- throttle: LOITER holds its height
 local SWITCH_HIGH = 2
 
 --[[
-   the strategy: places are metres north and east, angles radians from north, d is in metres, nil where nothing is heard
+   the strategy: places are metres north and east, angles radians from north, d is in metres, nil without a signal
 --]]
 
 local Cross
@@ -191,7 +191,7 @@ do
       local patience_ms = SILENCE_MS
       local cross = nil
 
-      -- the course is taken anew, at this d
+      -- choose the course again, at this d
       local function take(d, n, e)
          smooth, first, least, place_n, place_e = d, d, d, n, e
       end
@@ -224,7 +224,7 @@ do
          end
       end
 
-      -- to where d was least, and beyond: there the course is taken anew
+      -- back to the least d, and beyond: choose the course again there
       local function turn_back(now, n, e)
          turns = turns + (least < math.huge and 1 or 0)
          least = math.huge
@@ -279,7 +279,7 @@ do
 end
 
 --[[
-   the plane of the places where the transmitter was heard, the near ones before all. Over a slope the vehicle flies on
+   the plane of the places with a signal, above all the near ones. Over a slope the vehicle flies on
    such a plane, and where d is least the transmitter is below it at a right angle: farther up the slope
 --]]
 local function Plane()
@@ -309,7 +309,7 @@ local function Plane()
    return self
 end
 
-if ... then -- required, to look at the strategy
+if ... then -- required, to inspect the strategy
    return {Cross = Cross, Flux = Flux, Plane = Plane}
 end
 
@@ -401,7 +401,7 @@ local function say(severity, ...)
    gcs:send_text(severity, "ARVS: " .. string.format(...))
 end
 
--- the driver lies in the folder of scripts, where require does not look by itself
+-- the driver lies in the folder of scripts, which require does not search by itself
 for folder in package.path:gmatch("([^;]-)modules/%?%.lua") do
    package.path = package.path .. ";" .. folder .. "?.lua"
 end

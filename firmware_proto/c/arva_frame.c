@@ -43,7 +43,7 @@ static void put_uint16(uint8_t *to, uint16_t value)
     to[1] = (uint8_t)(value >> 8);
 }
 
-/* The bytes that a candidate needs, as far as its first `size` (> 0) ones tell; 0 when they make it a false one. */
+/* The bytes that a candidate needs, by its first `size` (> 0) ones; 0 if they make it a false one. */
 static size_t needs(const uint8_t *bytes, size_t size)
 {
     if (bytes[0] != SYNC_0 || (size > 1 && bytes[1] != SYNC_1) || (size > 2 && bytes[2] != VERSION)) {
@@ -58,7 +58,7 @@ static size_t needs(const uint8_t *bytes, size_t size)
     return bytes[3] == LENGTH(bytes[6]) ? BYTES(bytes[6]) : 0;
 }
 
-/* The frames that were lost between two good ones, by their numbers; those of a receiver that restarted begin anew. */
+/* The frames that were lost between two good ones, by their numbers; those of a receiver that restarted begin again. */
 static uint32_t missing(uint8_t before, uint8_t sequence)
 {
     const uint32_t gap = sequence == before ? 0 : (uint8_t)(sequence - before - 1);
@@ -148,7 +148,7 @@ static void tell_time(arva_decoder *decoder, uint32_t now_ms)
     }
     decoder->now_ms = now_ms;
     if (now_ms - decoder->frame_ms > INT32_MAX) {
-        decoder->frame_ms = now_ms - INT32_MAX; /* an age that wrapped would look fresh */
+        decoder->frame_ms = now_ms - INT32_MAX; /* an age that wrapped would seem fresh */
     }
 }
 

@@ -7,7 +7,7 @@
  *     arva_decoder_init(&decoder, on_frame, NULL);
  *     arva_decoder_push(&decoder, byte, now_ms);          one byte, or
  *     arva_decoder_feed(&decoder, bytes, size, now_ms);   any number, cut anywhere, or
- *     arva_decoder_feed(&decoder, NULL, 0, now_ms);       none: tells the time to a silent line
+ *     arva_decoder_feed(&decoder, NULL, 0, now_ms);       none: only the time, of a silent line
  *
  * Nothing is allocated and no clock is read. A decoder belongs to one task or one interrupt.
  */
@@ -36,7 +36,7 @@ typedef struct {
     uint8_t id;        /* transmitter, 0...254, or ARVA_NO_ID */
     uint8_t zone;      /* 0...127; a decoder hands on those it does not know */
     uint8_t marked;    /* 0 or 1 */
-    int16_t d_cm;      /* heard only if above 0, see arva_valid */
+    int16_t d_cm;      /* valid only above 0, see arva_valid */
     int16_t delta_deg; /* positive to the right */
 } arva_channel;
 
@@ -44,7 +44,7 @@ typedef struct {
     uint8_t sequence;
     uint8_t status; /* as it came, unknown bits included */
     uint8_t n;      /* 1...ARVA_MAX_CHANNELS */
-    arva_channel channels[ARVA_MAX_CHANNELS]; /* those from n on hear nothing */
+    arva_channel channels[ARVA_MAX_CHANNELS]; /* those from n on have no signal */
 } arva_frame;
 
 /* Takes a good frame, which lives until it returns. It must not push or feed to the same decoder. */
@@ -68,7 +68,7 @@ typedef struct {
     uint8_t sequence;                    /* of the last good frame */
 } arva_decoder;
 
-/* Whether the channel hears a transmitter, whatever its id and direction say. */
+/* True if the channel receives a transmitter; independent of its id and direction. */
 static inline int arva_valid(const arva_channel *channel) { return channel->d_cm > 0; }
 
 /* `on_frame` may be NULL: then frames are only counted. */

@@ -109,7 +109,7 @@ static int makes_sense(const arva_message *message)
     return message->kind != ARVA_LEVELS || message->size == MEASURED_BYTES + LEVEL_BYTES * body[2];
 }
 
-/* The bytes that the candidate needs, as far as it tells; 0 when it is a false one. */
+/* The bytes that the candidate needs, by its head; 0 if it is a false one. */
 static size_t needs(const arva_message_decoder *decoder)
 {
     const uint8_t *bytes = decoder->held;

@@ -288,10 +288,10 @@ HEARD = TransmitterHeard(20.0, 2, 9.0, 0.0, 20.0)
 STATES = {(True, True): "marked", (True, False): "found", (False, True): "not sure"}
 ENDS = [
     ((noted(1, 1, 0.4), noted(2, 2, 0.0)), "good", "2 of 2 found", ["0.4 m off, 33 s, marked", "less than 1 cm off"]),
-    ((noted(1, 1, 0.4),), "warn", "1 of 2 found", ["0.4 m off", "Transmitter 2\nnot found: not heard"]),
-    ((HEARD, noted(1, 1, 0.4, marked=False)), "warn", "1 of 2 found", ["33 s", "2\nnot found: heard, not found"]),
+    ((noted(1, 1, 0.4),), "warn", "1 of 2 found", ["0.4 m off", "Transmitter 2\nnot found: not received"]),
+    ((HEARD, noted(1, 1, 0.4, marked=False)), "warn", "1 of 2 found", ["33 s", "2\nnot found: received, not found"]),
     ((noted(1, 1, 0.4), noted(2, 2, 6.0, sure=False)), "warn", "1 of 2 found, 1 not sure", ["marked", "not sure: the"]),
-    ((), "bad", "Not found", ["1\nnot found: not heard", "2\nnot found: not heard"]),
+    ((), "bad", "Not found", ["1\nnot found: not received", "2\nnot found: not received"]),
 ]
 
 

@@ -263,7 +263,7 @@ def test_status(started):
     started.command("status")
     assert started.said() == [
         "I port /dev/ttyS3 at 57600 baud: open",
-        "I receiver: heard",
+        "I receiver: found",
         "I frames: 1 good, 0 lost, 0 with a wrong CRC; bytes in none: 0",
         "I last frame: 30 ms ago, sequence 7, status 0x01, channels 4",
         "I channel 1: transmitter 3, zone 2, 85 cm, 0 degrees",

@@ -73,10 +73,10 @@ def test_the_ros_node_publishes_what_is_heard_and_no_direction_in_the_inner_zone
     [
         (
             Frame(0, 1, (Channel(7, MID, 1234, -30),)),
-            "transmitter 7: d 12.34 m: turn 30 degrees left, or the opposite way",
+            "transmitter 7: d 12.34 m: turn 30 degrees left, or in the opposite direction",
         ),
-        (Frame(0, 1, (Channel(7, INNER, 85, 0),)), "transmitter 7: d 0.85 m: go slowly, look for the smallest d"),
-        (Frame(0, 1, (Channel(None, OUTER, -1, -1),)), "nothing is heard"),
+        (Frame(0, 1, (Channel(7, INNER, 85, 0),)), "transmitter 7: d 0.85 m: go slowly, find the smallest d"),
+        (Frame(0, 1, (Channel(None, OUTER, -1, -1),)), "no signal"),
         (Frame(0, 3, (Channel(7, MID, 1234, 17),)), "transmitter 7: d 12.34 m: disturbed, wait for the next reading"),
         (Frame(0, 9, (Channel(7, MID, 1234, 17),)), "the receiver is broken: do not search with it"),
     ],

@@ -123,6 +123,6 @@ def _estimator(said: Mapping[int, Any]) -> Check | None:
         return Check("bad", "EKF", "no position", _NO_PLACE)
     worst = max(ratios, key=lambda name: ratios[name])
     if ratios[worst] >= _WRONG:
-        cure = f"its {worst} disagrees: look for metal near by, calibrate the compass, wait for GPS"
+        cure = f"its {worst} disagrees: remove metal near by, calibrate the compass, wait for GPS"
         return Check("warn", "EKF", f"{worst} {ratios[worst]:.1f}", cure)
     return Check("good", "EKF", "position known")

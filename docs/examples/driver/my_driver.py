@@ -6,7 +6,7 @@ from firmware_proto import Decoder
 
 
 class Driver:
-    """Remembers the distance in metres to the nearest transmitter; None: nothing is heard."""
+    """Remembers the distance in metres to the nearest transmitter; None without a signal."""
 
     def __init__(self, port: Any) -> None:
         self.distance_m: float | None = None

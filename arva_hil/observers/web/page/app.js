@@ -124,13 +124,13 @@ function ghostOf(state, name, every) {
   return { place: [placed[N], placed[E], placed[YAW] ?? 0], words: `last seen ${seen} ago, ${away([placed[N] - from[0], placed[E] - from[1]])} ${search ? "take-off" : "home"}` };
 }
 
-// Of vehicles with homes of their own each has its own transmitters: those of the one that is shown.
+// Of vehicles with homes of their own each has its own transmitters: those of the chosen one.
 function own(transmitters) {
   const vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
   return transmitters.filter((one) => one.of.includes(vehicle) || !chosen);
 }
 
-// Of several searches that of the vehicle that is shown.
+// Of several searches that of the chosen vehicle.
 function mine(state) {
   const vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
   return state.team.find((one) => one.vehicle === vehicle) ?? state.search;
@@ -157,7 +157,7 @@ const SIGNS = {
   flux: ["flux line", "--field", "M0 12Q11-4 22 12", 1.2, ""],
   equal: ["equal d", "--soft", "M0 7H22", 1.4, "2 4"],
   inner: ["inner zone", "--inner", "M2 7H20", 12, ""],
-  belief: ["believed place, 2σ", "--belief", "M2 7a9 5 0 1 0 18 0a9 5 0 1 0-18 0", 1.8, ""],
+  belief: ["estimate, 2σ", "--belief", "M2 7a9 5 0 1 0 18 0a9 5 0 1 0-18 0", 1.8, ""],
 };
 
 function showLegend(state, shown) {

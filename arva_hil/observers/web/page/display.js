@@ -35,7 +35,7 @@ export function showDisplay(point, stale) {
   text($("distance"), best ? metres(best[CM]) : "––");
   $("unit").hidden = !best;
   const label = $("zone");
-  text(label, best && !best[ZONE] ? "heard" : ZONES[zone] ?? `zone ${zone}`);
+  text(label, best && !best[ZONE] ? "received" : ZONES[zone] ?? `zone ${zone}`);
   label.dataset.zone = best ? best[ZONE] : 0;
   const pointed = best && zone !== 2;
   $("arrow").style.display = pointed ? "" : "none";
@@ -43,7 +43,7 @@ export function showDisplay(point, stale) {
   $("cross").removeAttribute("hidden");
   if (pointed) $("arrow").style.transform = `rotate(${best[DELTA]}deg)`;
   text($("direction"), pointed ? `${signed(best[DELTA])}, or behind` : WORDS[zone] ?? "");
-  text($("dial-title"), best ? `${metres(best[CM])} metres, ${pointed ? `${best[DELTA]} degrees or the opposite way` : "no direction"}` : "no signal");
+  text($("dial-title"), best ? `${metres(best[CM])} metres, ${pointed ? `${best[DELTA]} degrees or in the opposite direction` : "no direction"}` : "no signal");
   const slots = point?.[SLOTS] ?? [];
   text($("heard"), String(slots.filter((slot) => slot[CM] > 0).length));
   text($("number"), point ? String(point[SEQ]) : "–");

@@ -101,7 +101,7 @@ export function showSearch(search, truth, transmitters, team) {
     rows.push(["place found", place(from(search.found.place))]);
     rows.push(["sure", search.found.sure ? "yes" : "no: readings do not agree"]);
   } else if (search.mean) {
-    rows.push(["believed at", place(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
+    rows.push(["estimate", place(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
   }
   const covariance = search.found?.covariance ?? search.covariance;
   if (covariance) rows.push(["uncertainty", `± ${precise(axes(covariance).a, 1)}`]);

@@ -1,4 +1,4 @@
-// The map: vehicles, tracks, transmitters, the field's lines and what a search believes, in local metres.
+// The map: vehicles, tracks, transmitters, the field's lines and the estimate of a search, in local metres.
 
 import { CM, D, DELTA, E, N, YAW, ZONE, colourOf, css, fixed } from "./store.js";
 import { nearest } from "./display.js";
@@ -163,7 +163,7 @@ function drawTrack(vehicle, own) {
     if (point[N] === null) { pen = false; return; }
     const [n, e] = i === last && place ? place : [point[N], point[E]];
     const px = view.x(e), py = view.y(n);
-    if (pen && i !== last && Math.abs(px - x) + Math.abs(py - y) < 1.5) return; // nobody sees it
+    if (pen && i !== last && Math.abs(px - x) + Math.abs(py - y) < 1.5) return; // too small to see
     if (pen) ink.lineTo(px, py); else ink.moveTo(px, py);
     [pen, x, y] = [true, px, py];
   });

@@ -5,7 +5,7 @@ import { CM, ID, SLOTS, el, precise, signOf } from "./store.js";
 const $ = (id) => document.getElementById(id);
 let shownCard = "";
 
-// What the searches of a run have come to: null before a search. `transmitters`: their true places, empty if they are not shown.
+// The outcome of the searches of a run: null before a search. `transmitters`: their true places, empty if they are hidden.
 export function outcomeOf(state, transmitters) {
   const searches = state.team.length ? state.team : state.search ? [state.search] : [];
   if (!searches.length) return null;
@@ -18,7 +18,7 @@ export function outcomeOf(state, transmitters) {
     one.off_m = real.length ? Math.min(...real) : null;
   }
   const lacks = wanted === null ? victims.at(-1)?.left > 0 || !found.size : found.size < wanted;
-  const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, heard.has(id) ? "heard, not found" : "not heard"]) : [];
+  const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, heard.has(id) ? "received, not found" : "not received"]) : [];
   const over = Boolean(state.ended) || searches.every((search) => search.ended), unsure = found.size - count;
   const ends = [...new Set(searches.map((search) => search.ended).filter(Boolean))];
   const why = state.failed && !ends.length ? state.ended : ends.filter((words) => words !== "found").join("; ");
@@ -60,13 +60,13 @@ async function copy(words, element) {
   try { await navigator.clipboard.writeText(words); } catch { document.execCommand("copy"); }
 }
 
-// As on a transceiver: who is marked, who is found, who is next, who else is heard, with the distance of the newest reading.
+// The list as on a transceiver: marked, found, next, other received transmitters, with the distance of the newest reading.
 export function showVictims(search, outcome, point) {
   $("count").textContent = outcome && search ? outcome.title : "";
   const slots = (point?.[SLOTS] ?? []).filter((slot) => slot[CM] > 0), rows = new Map();
   for (const one of search?.victims ?? []) rows.set(one.id ?? `place ${rows.size}`, one.sure ? (one.marked ? "marked" : "found") : "not sure");
   if (search && !search.ended && search.target !== null && !rows.has(search.target)) rows.set(search.target, "next");
-  for (const slot of slots) if (slot[ID] !== null && !rows.has(slot[ID])) rows.set(slot[ID], "heard");
+  for (const slot of slots) if (slot[ID] !== null && !rows.has(slot[ID])) rows.set(slot[ID], "received");
   $("victims").hidden = !rows.size;
   const metres = (id) => {
     const cm = Math.min(...slots.filter((slot) => slot[ID] === id).map((slot) => slot[CM]));

@@ -1,4 +1,4 @@
-// Of a record: which time is shown, and playing on from there.
+// The player of a record: the chosen time, and playing from there.
 
 import { clock } from "./store.js";
 

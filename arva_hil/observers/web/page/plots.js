@@ -19,7 +19,7 @@ function idsOf(points) {
   return [...known].sort((a, b) => a - b);
 }
 
-// The true range of a transmitter in a reading: an empty slot tells it too, if there is only one.
+// The true range of a transmitter in a reading: an empty slot has it too, if there is only one.
 function rangeOf(slots, id, alone) {
   for (const slot of slots) if (slot[ID] === id) return slot[RANGE];
   return alone && slots.length ? slots[0][RANGE] : null;

@@ -1,4 +1,4 @@
-// What the page has been told so far, of bounded size: everything of late, less of what is long ago.
+// The data of the page so far, of bounded size: all of the recent data, a part of the older ones.
 
 const RECENT = 1500;
 const MOST = 5000;
@@ -15,7 +15,7 @@ export class Store {
     this.points = new Map(); // by receiver
   }
 
-  // Takes a document of /state.json; whether it belongs to the run that is shown.
+  // Uses a document of /state.json. Returns false if it is of another run.
   take(state) {
     const same = !this.run || this.run === state.run;
     if (!same && !state.full) return false;

@@ -1,4 +1,4 @@
-// Which piece of the ground is shown: drag, wheel, pinch and keys. North is up; metres.
+// The visible piece of the ground: drag, wheel, pinch and keys. North is up; metres.
 
 export class View {
   constructor(canvas, changed) {

@@ -37,7 +37,7 @@ ArvaReceiver::ArvaReceiver(const char *port, uint32_t baudrate) :
 
 void ArvaReceiver::start()
 {
-	_arva_reading_pub.advertise(); // the logger looks for new topics only now and then
+	_arva_reading_pub.advertise(); // the logger searches for new topics only now and then
 	_arva_answer_pub.advertise();
 	_arva_pulses_pub.advertise();
 	_debug_array_pub.advertise();
@@ -92,7 +92,7 @@ bool ArvaReceiver::open_port()
 		return false;
 	}
 
-	_serial.flush(); // what came while nobody read
+	_serial.flush(); // bytes that came while the port was not read
 	arva_decoder_count_anew(&_decoder);
 	_byte_time = now;
 	return true;
@@ -311,7 +311,7 @@ int ArvaReceiver::print_status()
 {
 	const Status now = status();
 	PX4_INFO("port %s at %" PRIu32 " baud: %s", _port, now.baudrate, now.open ? "open" : "not there");
-	PX4_INFO("receiver: %s", now.good == 0 ? "not heard yet" : now.silent ? "lost" : "heard");
+	PX4_INFO("receiver: %s", now.good == 0 ? "not found yet" : now.silent ? "lost" : "found");
 	PX4_INFO("frames: %" PRIu32 " good, %" PRIu32 " lost, %" PRIu32 " with a wrong CRC; bytes in none: %" PRIu32,
 		 now.good, now.lost, now.bad_crc, now.dropped);
 
@@ -338,7 +338,7 @@ int ArvaReceiver::print_status()
 int ArvaReceiver::task_spawn(int argc, char *argv[])
 {
 	const char *port = nullptr;
-	int32_t configured = 115200; // long on a flight controller, which param_get and px4_get_parameter_value tell apart
+	int32_t configured = 115200; // long on a flight controller, which param_get and px4_get_parameter_value distinguish
 	param_get(param_find("SENS_ARVA_BAUD"), &configured);
 	int baudrate = configured;
 
