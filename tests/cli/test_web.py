@@ -45,6 +45,10 @@ ARRANGED = """async ([things, width, height]) => {
 }"""
 
 
+TURNED = """[Number(document.getElementById("arrow").style.transform.match(/-?\\d+/)[0]),
+  document.getElementById("heads").getAttribute("transform")]"""
+
+
 @pytest.fixture
 def tab(browser: Any) -> Iterator[Tab]:
     tab = Tab(browser)
@@ -312,6 +316,35 @@ def test_a_find_and_a_failure_never_look_alike(
         noted = [event for event in events if isinstance(event, VictimNoted)]
         states = [STATES[one.sure, one.marked] for one in noted]
         assert [row.get_attribute("data-state") for row in tab.page.locator("#victims li").all()] == states
+    finally:
+        page.close()
+
+
+def test_one_key_shows_the_receiver_alone_and_its_arrow_turns_the_short_way(tab: Tab) -> None:
+    page = WebPage(HostPort("127.0.0.1", 0), State("run", "field.yaml"))
+    where = Pose([0.0, 0.0, -3.0], np.eye(3))
+    try:
+        tab.open(page.address.url)
+        for number, delta in enumerate((0, 60, 85, -85, -60, 0)):
+            reading = Reading((ChannelReading(1, 1, 1234 + number, delta, None),), False, False)
+            frame = Frame(number, 1, (Channel(1, 1, 1234 + number, delta),))
+            made = FrameMade(
+                1.0, "vehicle", "receiver", number, 1.0 + number, None, where, 0.1, reading, frame, True, 0.0
+            )
+            page.observe(made)
+            tab.shows("#number", str(number))
+            turned, heads = tab.page.evaluate(TURNED)
+            assert turned == delta + 180 * (number > 2)
+            assert bool(heads) == (number > 2)  # the solid head is in front
+        for width in (390, 1280):
+            tab.page.set_viewport_size({"width": width, "height": 844})
+            tab.page.keyboard.press("r")
+            assert not tab.page.locator("#map").is_visible()
+            box = tab.page.locator("#distance").bounding_box()
+            assert box is not None
+            assert box["height"] >= 95  # pixels: 25 mm of a usual screen
+            tab.page.keyboard.press("Escape")
+            assert tab.page.locator("#map").is_visible()
     finally:
         page.close()
 

@@ -194,6 +194,23 @@ $("sound").addEventListener("click", () => {
   $("sound").setAttribute("aria-pressed", on);
   setTone(on);
 });
+// The receiver alone fills the screen.
+function setFull(on) {
+  document.documentElement.classList.toggle("full", on);
+  $("full").setAttribute("aria-pressed", on);
+  $("full").textContent = on ? "Close" : "Large";
+  if (on) document.documentElement.requestFullscreen?.().catch(() => {}); // not every browser may
+  else if (document.fullscreenElement) document.exitFullscreen();
+  show();
+}
+$("full").addEventListener("click", () => setFull($("full").textContent === "Large"));
+document.addEventListener("fullscreenchange", () => { if (!document.fullscreenElement && $("full").textContent === "Close") setFull(false); });
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select")) return;
+  if (event.key === "r" || event.key === "R") $("full").click();
+  else if (event.key === "t" || event.key === "T") $("sound").click();
+  else if (event.key === "Escape" && $("full").textContent === "Close") setFull(false);
+});
 $("receiver").addEventListener("change", () => { chosen = $("receiver").value; plotted = 0; show(); });
 for (const button of document.querySelectorAll("[data-window]")) {
   button.addEventListener("click", () => {

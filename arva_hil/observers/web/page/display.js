@@ -1,6 +1,6 @@
 // The receiver's display, as rescuers know it: distance, arrow with its ambiguity, zone, channels.
 
-import { AGE, CM, DELTA, ID, RANGE, SEQ, SLOTS, T, ZONE, el, numberOf } from "./store.js";
+import { AGE, CM, DELTA, ID, RANGE, SEQ, SLOTS, T, ZONE, el, signOf } from "./store.js";
 
 const ZONES = ["no signal", "mid", "inner"];
 const WORDS = ["", "distance and direction", "distance only: no direction"];
@@ -26,6 +26,15 @@ export function metres(cm) { return cm < 1000 ? (cm / 100).toFixed(2) : (cm / 10
 
 export function signed(degrees) { return `${degrees < 0 ? "−" : "+"}${Math.abs(degrees)}°`; }
 
+// A direction and its opposite are one: the arrow turns the short way, and its solid head stays in front.
+let turned = 0;
+function turn(degrees) {
+  const halves = Math.round((turned - degrees) / 180);
+  turned = degrees + 180 * halves;
+  $("arrow").style.transform = `rotate(${turned}deg)`;
+  $("heads").setAttribute("transform", halves % 2 ? "rotate(180 120 120)" : "");
+}
+
 // `point`: the newest, undefined if there is none; `stale`: it is an old one.
 export function showDisplay(point, stale) {
   const panel = document.querySelector(".device"), best = nearest(point);
@@ -41,7 +50,7 @@ export function showDisplay(point, stale) {
   $("arrow").style.display = pointed ? "" : "none";
   $("cross").style.display = zone === 2 ? "" : "none";
   $("cross").removeAttribute("hidden");
-  if (pointed) $("arrow").style.transform = `rotate(${best[DELTA]}deg)`;
+  if (pointed) turn(best[DELTA]);
   text($("direction"), pointed ? `${signed(best[DELTA])}, or behind` : WORDS[zone] ?? "");
   text($("dial-title"), best ? `${metres(best[CM])} metres, ${pointed ? `${best[DELTA]} degrees or in the opposite direction` : "no direction"}` : "no signal");
   const slots = point?.[SLOTS] ?? [];
@@ -61,16 +70,10 @@ function showChannels(slots) {
     if (row.dataset.key === key) return;
     row.dataset.key = key;
     row.className = heard ? "" : "none";
-    const dot = el("span", { class: "dot" });
-    if (heard) dot.style.background = deviceColour(slot[ID]);
-    cells[0].replaceChildren(...(heard ? [dot, slot[ID] === null ? "?" : String(slot[ID])] : ["–"]));
+    cells[0].replaceChildren(...(heard ? [signOf(slot[ID]), slot[ID] === null ? "?" : String(slot[ID])] : ["–"]));
     text(cells[1], heard ? `${slot[CM]} cm` : "–");
     text(cells[2], heard && slot[ZONE] !== 2 ? signed(slot[DELTA]) : "–");
     text(cells[3], heard ? ZONES[slot[ZONE]] && slot[ZONE] ? ZONES[slot[ZONE]] : "–" : "–");
     text(cells[4], slot[RANGE] === null ? "–" : `${slot[RANGE].toFixed(2)} m`);
   });
 }
-
-// The device is dark in either theme.
-const DARK = ["#56b4e9", "#ff8a4c", "#35c79a", "#e29cc6", "#e6b422", "#a7cfe8"];
-function deviceColour(id) { return DARK[numberOf(id)]; }

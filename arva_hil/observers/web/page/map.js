@@ -1,6 +1,6 @@
 // The map: vehicles, tracks, transmitters, the field's lines and the estimate of a search, in local metres.
 
-import { CM, D, DELTA, E, N, YAW, ZONE, colourOf, css, fixed } from "./store.js";
+import { CM, D, DELTA, E, N, YAW, ZONE, colourOf, css, fixed, shapeOf } from "./store.js";
 import { nearest } from "./display.js";
 import { axes } from "./health.js";
 import { BELOW, BESIDE, FONT, Names, label } from "./labels.js";
@@ -110,7 +110,7 @@ function path(line, one, closed = false) {
 function drawZones(one) {
   const outer = one.equal_d.find(([d]) => d === 50);
   if (outer) { path(outer[1], one, true); ink.fillStyle = css("--mid"); ink.globalAlpha = 0.8; ink.fill(); ink.globalAlpha = 1; }
-  if (one.inner.length) { path(one.inner, one, true); ink.fillStyle = css("--inner"); ink.fill(); }
+  if (one.inner.length) { path(one.inner, one, true); ink.fillStyle = css("--inner"); ink.fill(); ink.strokeStyle = css("--warn"); ink.lineWidth = 1.2; ink.stroke(); }
 }
 
 function drawGrid() {
@@ -186,7 +186,11 @@ function drawTransmitter(one) {
     }
     ink.stroke();
   }
-  disc(x, y, 8.5, css("--ground")); disc(x, y, 7, colour);
+  ink.save();
+  ink.translate(x, y);
+  const shape = new Path2D(shapeOf(one.id));
+  ink.lineWidth = 3; ink.lineJoin = "round"; ink.strokeStyle = css("--ground"); ink.stroke(shape); ink.fillStyle = colour; ink.fill(shape);
+  ink.restore();
   if (flat <= 0.2) { disc(x, y, 4, css("--ground")); if (d > 0) disc(x, y, 1.8, colour); } // it stands: an arrow from the front or the back
   const deep = one.place[2], depth = Math.abs(deep) < 0.05 ? "" : `, ${Math.abs(deep).toFixed(1)} m ${deep > 0 ? "deep" : "up"}`;
   names.avoid(x, y, 8);
@@ -221,7 +225,7 @@ function drawVehicle([north, east, yaw], vehicle, own) {
   ink.rotate((yaw * Math.PI) / 180);
   const colour = own ? css("--ink") : css("--soft"), r = own ? 11 : 9;
   drawFrame(colour, r);
-  ink.fillStyle = own ? css("--c1") : colour;
+  ink.fillStyle = own ? css("--track") : colour;
   ink.strokeStyle = css("--ground");
   ink.lineWidth = 1.5;
   ink.beginPath();

@@ -45,8 +45,8 @@ export function showPlots(points, truth) {
     const series = ids.map((id) => ({ label: id === null ? "d" : `d of ${id}`, colour: colourOf(id), dots: true }));
     if (ranged) series.push(...ids.map((id) => ({ label: id === null ? "true range" : `true range of ${id}`, colour: colourOf(id), dashed: true })));
     add("Distance", "m", 190, series);
-    if (aged) add("Age of the pose", "ms", 110, [{ label: "age", colour: css("--c2") }]);
-    if (late) add("Lateness of frames", "ms", 110, [{ label: "late", colour: css("--c3") }]);
+    if (aged) add("Age of the pose", "ms", 110, [{ label: "age", colour: css("--track") }]);
+    if (late) add("Lateness of frames", "ms", 110, [{ label: "late", colour: css("--warn") }]);
   }
   const d = ids.map((id) => shown.map((point) => {
     for (const slot of point[SLOTS]) if (slot[ID] === id && slot[CM] > 0) return slot[CM] / 100;

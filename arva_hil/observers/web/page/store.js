@@ -44,18 +44,18 @@ function thinned(points) {
   return points.filter((_, i) => i >= from || i % 2 === 0);
 }
 
-// The colour of a transmitter, by its place in the order in which they are known.
-const ids = new Map();
-export function numberOf(id) {
-  if (!ids.has(id)) ids.set(id, ids.size % 6);
-  return ids.get(id);
-}
-export function colourOf(id) { return css(`--c${numberOf(id)}`); }
+// The look of a transmitter follows its id, here and in every picture: one of 6 colours and one of 7 shapes, so that 42 in a row differ.
+const COLOURS = 6;
+const SHAPES = ["M7 0A7 7 0 1 1-7 0A7 7 0 1 1 7 0Z", "M-6-6H6V6H-6Z", "M0-7.5L7 6H-7Z", "M0-8L8 0 0 8-8 0Z", "M0 7.5L7-6H-7Z", "M0-7.5L7.1-2.3 4.4 6.1-4.4 6.1-7.1-2.3Z", "M7.5 0L3.75 6.5-3.75 6.5-7.5 0-3.75-6.5 3.75-6.5Z"];
+export function colourOf(id) { return css(id === null || id < 0 ? "--soft" : `--c${id % COLOURS}`); }
+export function shapeOf(id) { return SHAPES[id === null || id < 0 ? 0 : id % SHAPES.length]; }
 
-// A sign of a transmitter, in its colour.
+// The sign of a transmitter among words.
 export function signOf(id) {
-  const sign = el("span", { class: "dot", "aria-hidden": "true" });
-  if (id !== null) sign.style.background = colourOf(id);
+  const sign = document.createElementNS("http://www.w3.org/2000/svg", "svg"), path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+  for (const [key, value] of Object.entries({ class: `dot ${id === null || id < 0 ? "" : `look${id % COLOURS}`}`, viewBox: "-8 -8 16 16", "aria-hidden": "true" })) sign.setAttribute(key, value);
+  path.setAttribute("d", shapeOf(id));
+  sign.append(path);
   return sign;
 }
 
