@@ -45,6 +45,10 @@ ARRANGED = """async ([things, width, height]) => {
 }"""
 
 
+PLACED = """async () => {
+  const { placed } = await import("/store.js");
+  return [placed([-21.9, -0.01]), placed([0.04, -3])];
+}"""
 TURNED = """[Number(document.getElementById("arrow").style.transform.match(/-?\\d+/)[0]),
   document.getElementById("heads").getAttribute("transform")]"""
 
@@ -75,9 +79,13 @@ def minus(degrees: str) -> str:
     return f"{'−' if int(degrees) < 0 else '+'}{abs(int(degrees))}°"
 
 
+def in_metres(cm: str) -> str:
+    return f"{int(cm) / 100:.{1 if int(cm) >= 1000 else 2}f} m"
+
+
 def is_shown(tab: Tab, slots: list[dict[str, str]], *, true: bool = True) -> None:
     """The display says what the slots of a frame say."""
-    tab.shows("#number", slots[0]["seq"])
+    tab.page.wait_for_selector(f'#number[data-seq="{slots[0]["seq"]}"]')
     expected = []
     for slot in slots:
         heard, zone = int(slot["d_cm"]) > 0, int(slot["zone"])
@@ -85,10 +93,10 @@ def is_shown(tab: Tab, slots: list[dict[str, str]], *, true: bool = True) -> Non
         expected.append(
             [
                 slot["id"] if heard else "–",
-                f"{slot['d_cm']} cm" if heard else "–",
+                in_metres(slot["d_cm"]) if heard else "–",
                 delta,
                 ZONES[zone],
-                f"{float(slot['true_range_m']):.2f} m" if true and slot["true_range_m"] else "–",
+                f"{float(slot['true_range_m']):.2f} m" if true and heard and slot["true_range_m"] else "–",
             ]
         )
     shown = tab.rows("#channels tbody tr")
@@ -109,6 +117,7 @@ def test_a_replay(start: Start, tab: Tab, tmp_path: Path) -> None:
     rows = readings(tmp_path / "record")
     is_shown(tab, frame_at(rows))
     frames = len({row["time_s"] for row in rows})
+    assert tab.text("#number") == str(frames)
     assert tab.page.locator(".plot").first.get_attribute("data-points") == str(frames)
     assert tab.text("#kind") == "replay"
 
@@ -180,10 +189,10 @@ def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_
     tab.open(url_of(program))
     tab.shows("#outcome-title", "No search")
     assert program.ends() == 0
-    shown = d_cm(int(tab.text("#number")))
+    shown = d_cm(int(tab.page.locator("#number").get_attribute("data-seq") or -1))
     assert tab.rows("#channels tbody tr") == [
-        ["4", f"{shown} cm", "+10°", "mid", "–"],
-        ["9", "4500 cm", "−40°", "mid", "–"],
+        ["4", in_metres(str(shown)), "+10°", "mid", "–"],
+        ["9", "45.0 m", "−40°", "mid", "–"],
     ]
     with open(tmp_path / "record" / "search.csv", newline="") as file:
         logged = [int(row["d_cm"]) for row in csv.DictReader(file) if row["d_cm"]]
@@ -332,7 +341,7 @@ def test_one_key_shows_the_receiver_alone_and_its_arrow_turns_the_short_way(tab:
                 1.0, "vehicle", "receiver", number, 1.0 + number, None, where, 0.1, reading, frame, True, 0.0
             )
             page.observe(made)
-            tab.shows("#number", str(number))
+            tab.shows("#number", str(number + 1))
             turned, heads = tab.page.evaluate(TURNED)
             assert turned == delta + 180 * (number > 2)
             assert bool(heads) == (number > 2)  # the solid head is in front
@@ -380,6 +389,8 @@ def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab) -> None:
         tab.open(page.address.url)
         label = str(tab.page.locator("#map").get_attribute("aria-label"))
         assert "vehicle last seen 42 s ago, 42 m NE of home" in label
+        assert tab.page.evaluate(PLACED) == ["21.9 m S, 0.0 m E", "0.0 m N, 3.0 m W"]
+        assert "last seen there" in tab.text("#legend")
     finally:
         page.close()
 
@@ -411,5 +422,11 @@ def test_a_demo_of_several_drones_is_one_and_its_places_are_from_the_datum(start
     found = team.filter(has_text="1 found")
     found.wait_for()
     tab.page.locator("#receiver").select_option(f"{found.locator('th').inner_text()}/receiver")
+    other = tab.page.locator("#receiver option:not(:checked)").first.get_attribute("value") or ""
+    mine = str(tab.page.locator("#receiver").input_value())
+    tab.page.locator(f'[data-key="{other}"]').click()
+    assert tab.page.locator("#receiver").input_value() == other
+    tab.page.locator(f'[data-key="{mine}"]').press("Enter")
+    assert tab.page.locator("#receiver").input_value() == mine
     tab.shows("#belief", re.compile(r"place found\s*(19\.\d|20\.\d) m N, [45]\.\d m E"))
     program.stops()

@@ -3,11 +3,11 @@
 import { checks, showChecks, showCounters, showEvents, showSearch, showTeam } from "./health.js";
 import { showDisplay } from "./display.js";
 import { outcomeOf, showOutcome, showVictims } from "./outcome.js";
-import { showMap, view } from "./map.js";
+import { showMap, vehicleAt, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
 import { Player } from "./player.js";
 import { hearTone, setTone } from "./tone.js";
-import { E, N, Store, T, YAW, away, clock, css, el, forgetColours } from "./store.js";
+import { E, IN_WORDS, N, Store, T, YAW, away, clock, el, forgetColours, placed } from "./store.js";
 
 const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, ENDED_MS = 3000, PLOT_MS = 500;
 const $ = (id) => document.getElementById(id);
@@ -82,7 +82,7 @@ function show() {
   $("clock").textContent = clock(last ? last[T] : state.time_s);
   $("device-name").textContent = store.keys.length > 1 ? chosen : "";
   showChoice();
-  showDisplay(last, old);
+  showDisplay(last, old, state.receivers.find((one) => `${one.vehicle}/${one.name}` === chosen)?.frames);
   hearTone(last, old);
   showChecks(checks(state, every, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
@@ -92,7 +92,7 @@ function show() {
   const outcome = outcomeOf(state, shown ? (state.team.length ? state.transmitters : own(state.transmitters)) : []);
   showOutcome(outcome);
   showVictims(search, outcome, last);
-  showTeam(state.team, store.points, chosen);
+  showTeam(state.team, store.points, chosen, choose);
   showMap({
     truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen,
     vehicles: vehicles(), team: state.team.filter((one) => one !== search),
@@ -138,10 +138,10 @@ function mine(state) {
 
 function describe(state, last, shown) {
   const ghosts = vehicles().filter((one) => one.ghost), ghost = ghosts.find((one) => one.key === chosen)?.ghost;
-  const parts = [ghost ? `vehicle ${ghost.words}` : last && last[N] !== null ? `vehicle at ${last[N].toFixed(1)} m north, ${last[E].toFixed(1)} m east` : "vehicle not placed"];
+  const parts = [ghost ? `vehicle ${ghost.words}` : last && last[N] !== null ? `vehicle at ${placed([last[N], last[E]], 1, IN_WORDS)}` : "vehicle not placed"];
   for (const one of ghosts) if (one.key !== chosen) parts.push(`${one.name} ${one.ghost.words}`);
-  if (shown) for (const one of own(state.transmitters).slice(0, 8)) parts.push(`transmitter ${one.id} at ${one.place[0].toFixed(1)} m north, ${one.place[1].toFixed(1)} m east`);
-  for (const { vehicle, found } of [...(state.search ? [state.search] : []), ...state.team]) if (found) parts.push(`${vehicle ? `${vehicle}: ` : ""}place found at ${found.place[0].toFixed(1)} m north, ${found.place[1].toFixed(1)} m east`);
+  if (shown) for (const one of own(state.transmitters).slice(0, 8)) parts.push(`transmitter ${one.id} at ${placed(one.place, 1, IN_WORDS)}`);
+  for (const { vehicle, found } of [...(state.search ? [state.search] : []), ...state.team]) if (found) parts.push(`${vehicle ? `${vehicle}: ` : ""}place found at ${placed(found.place, 1, IN_WORDS)}`);
   return `Map: ${parts.join("; ")}. Arrow keys move it, plus and minus zoom.`;
 }
 
@@ -152,24 +152,32 @@ function showChoice() {
   $("receiver").value = chosen;
 }
 
+// Each sign on the map: its words and the path of a line; the class has its colour.
 const SIGNS = {
-  track: ["track", "--track", "M0 10Q8 0 22 5", 2.4, ""],
-  flux: ["flux line", "--field", "M0 12Q11-4 22 12", 1.2, ""],
-  equal: ["equal d", "--soft", "M0 7H22", 1.4, "2 4"],
-  inner: ["inner zone", "--inner", "M2 7H20", 12, ""],
-  belief: ["estimate, 2σ", "--belief", "M2 7a9 5 0 1 0 18 0a9 5 0 1 0-18 0", 1.8, ""],
+  vehicle: ["vehicle, receiver", "M5 1L17 13M17 1L5 13M11 1v5"], track: ["track", "M0 10Q8 0 22 5"], ghost: ["last seen there", "M11 0a7 7 0 1 0 .1 0"],
+  bearing: ["direction, or opposite", "M0 7H22M17 3l5 4-5 4"], home: ["take-off", "M6 2h10v10H6z"],
+  transmitter: ["transmitter, dipole", "M2 7H20M16 3l4 4-4 4"], flux: ["flux line", "M0 12Q11-4 22 12"], equal: ["equal d", "M0 7H22"],
+  mid: ["within 50 m", "M2 7H20"], inner: ["inner zone", "M2 7H20"],
+  dots: ["hypothesis", "M4 7h.1M11 7h.1M18 7h.1"], belief: ["estimate, 2σ", "M2 7a9 5 0 1 0 18 0a9 5 0 1 0-18 0"], goal: ["goal", "M11 0V14M4 7H18"],
+  cross: ["victim", "M6 2l10 10M16 2L6 12"],
 };
 
 function showLegend(state, shown) {
-  const wanted = ["track", ...(shown && field.transmitters.length ? ["flux", "equal", "inner"] : []), ...(mine(state)?.covariance ? ["belief"] : [])];
+  const search = mine(state), lines = shown && field.transmitters.length, every = vehicles();
+  const wanted = Object.keys(SIGNS).filter((name) => ({
+    vehicle: every.some((one) => !one.ghost), track: every.length, ghost: every.some((one) => one.ghost), bearing: every.length, home: search,
+    transmitter: shown && state.transmitters.length, flux: lines, equal: lines, mid: lines, inner: lines,
+    dots: search?.hypotheses.length && !search.found, belief: search?.covariance, goal: search?.goal && !search.found, cross: search?.victims.length,
+  })[name]);
   if (wanted.join() === legend) return;
   legend = wanted.join();
   $("legend").replaceChildren(...wanted.map((name) => {
-    const [words, colour, d, width, dash] = SIGNS[name], ns = "http://www.w3.org/2000/svg";
+    const [words, d] = SIGNS[name], ns = "http://www.w3.org/2000/svg";
     const sign = document.createElementNS(ns, "svg"), line = document.createElementNS(ns, "path");
     sign.setAttribute("viewBox", "0 0 22 14");
     sign.setAttribute("aria-hidden", "true");
-    for (const [key, value] of Object.entries({ d, fill: "none", stroke: css(colour), "stroke-width": width, "stroke-dasharray": dash })) line.setAttribute(key, value);
+    line.setAttribute("d", d);
+    line.setAttribute("class", `sign-${name}`);
     sign.append(line);
     return el("li", {}, sign, words);
   }));
@@ -211,7 +219,16 @@ document.addEventListener("keydown", (event) => {
   else if (event.key === "t" || event.key === "T") $("sound").click();
   else if (event.key === "Escape" && $("full").textContent === "Close") setFull(false);
 });
-$("receiver").addEventListener("change", () => { chosen = $("receiver").value; plotted = 0; show(); });
+function choose(key) { chosen = $("receiver").value = key; plotted = 0; show(); }
+$("receiver").addEventListener("change", () => choose($("receiver").value));
+// A click on a vehicle chooses its receiver; a drag moves the map.
+let pressed = null;
+$("map").addEventListener("pointerdown", (event) => { pressed = [event.offsetX, event.offsetY]; });
+$("map").addEventListener("pointerup", (event) => {
+  if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
+  const key = vehicleAt(event.offsetX, event.offsetY);
+  if (key && key !== chosen) choose(key);
+});
 for (const button of document.querySelectorAll("[data-window]")) {
   button.addEventListener("click", () => {
     for (const other of document.querySelectorAll("[data-window]")) other.setAttribute("aria-pressed", other === button);

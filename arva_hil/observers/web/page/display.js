@@ -35,8 +35,8 @@ function turn(degrees) {
   $("heads").setAttribute("transform", halves % 2 ? "rotate(180 120 120)" : "");
 }
 
-// `point`: the newest, undefined if there is none; `stale`: it is an old one.
-export function showDisplay(point, stale) {
+// `point`: the newest, undefined if there is none; `stale`: it is an old one; `count`: of all readings.
+export function showDisplay(point, stale, count) {
   const panel = document.querySelector(".device"), best = nearest(point);
   const zone = best ? (best[ZONE] || 1) : 0;
   panel.dataset.zone = zone;
@@ -55,7 +55,8 @@ export function showDisplay(point, stale) {
   text($("dial-title"), best ? `${metres(best[CM])} metres, ${pointed ? `${best[DELTA]} degrees or in the opposite direction` : "no direction"}` : "no signal");
   const slots = point?.[SLOTS] ?? [];
   text($("heard"), String(slots.filter((slot) => slot[CM] > 0).length));
-  text($("number"), point ? String(point[SEQ]) : "–");
+  text($("number"), point ? String(count) : "–");
+  $("number").dataset.seq = point ? point[SEQ] : "";
   $("number").dataset.time = point ? point[T] : "";
   text($("age"), point?.[AGE] == null ? "–" : `${Math.round(point[AGE])} ms`);
   showChannels(slots);
@@ -71,9 +72,9 @@ function showChannels(slots) {
     row.dataset.key = key;
     row.className = heard ? "" : "none";
     cells[0].replaceChildren(...(heard ? [signOf(slot[ID]), slot[ID] === null ? "?" : String(slot[ID])] : ["–"]));
-    text(cells[1], heard ? `${slot[CM]} cm` : "–");
+    text(cells[1], heard ? `${metres(slot[CM])} m` : "–");
     text(cells[2], heard && slot[ZONE] !== 2 ? signed(slot[DELTA]) : "–");
     text(cells[3], heard ? ZONES[slot[ZONE]] && slot[ZONE] ? ZONES[slot[ZONE]] : "–" : "–");
-    text(cells[4], slot[RANGE] === null ? "–" : `${slot[RANGE].toFixed(2)} m`);
+    text(cells[4], slot[RANGE] === null || slot[ID] === null ? "–" : `${slot[RANGE].toFixed(2)} m`);
   });
 }

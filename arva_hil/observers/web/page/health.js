@@ -1,6 +1,6 @@
 // What is wrong stands out: each check has a level, and the worst one is in the header.
 
-import { AGE, LATE, N, clock, el, fixed, precise } from "./store.js";
+import { AGE, LATE, N, clock, el, placed, precise } from "./store.js";
 
 const ORDER = ["good", "warn", "bad"];
 const LEVELS = { info: "info", warning: "warn", error: "bad" };
@@ -82,7 +82,6 @@ export function showEvents(events) {
     el("time", {}, clock(time)), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, words))));
 }
 
-const place = ([north, east]) => `${fixed(north)} m N, ${fixed(east)} m E`;
 
 // The standard deviations along the axes of an ellipse, m, and the direction of the first, radians from north.
 export function axes([nn, ne, ee]) {
@@ -98,10 +97,10 @@ export function showSearch(search, truth, transmitters, team) {
   $("phase").textContent = search.phase;
   const rows = [["target", search.target === null ? (search.heard.length && search.phase !== "searching" ? "without a number" : "none yet") : `transmitter ${search.target}`]];
   if (search.found) {
-    rows.push(["place found", place(from(search.found.place))]);
+    rows.push(["place found", placed(from(search.found.place))]);
     rows.push(["sure", search.found.sure ? "yes" : "no: readings do not agree"]);
   } else if (search.mean) {
-    rows.push(["estimate", place(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
+    rows.push(["estimate", placed(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
   }
   const covariance = search.found?.covariance ?? search.covariance;
   if (covariance) rows.push(["uncertainty", `± ${precise(axes(covariance).a, 1)}`]);
@@ -113,15 +112,20 @@ export function showSearch(search, truth, transmitters, team) {
 }
 
 // A row for each search of several: its vehicle, what it does, where it is, which transmitter it flies to or has found.
-export function showTeam(team, points, chosen) {
+export function showTeam(team, points, chosen, choose) {
   $("team").hidden = !team.length;
   if (team.length) $("search").hidden = false;
-  const near = ([north, east]) => `${fixed(north, 0)} N, ${fixed(east, 0)} E`;
+  const near = (at) => placed(at, 0, [" N", " S", " E", " W"]);
+  const held = document.activeElement?.dataset.key;
   $("team-rows").replaceChildren(...team.map((one) => {
     const key = [...points.keys()].find((each) => each.slice(0, each.lastIndexOf("/")) === one.vehicle);
     const last = points.get(key)?.findLast((point) => point[N] !== null), id = one.found?.id ?? one.target;
     const number = id === null ? "" : String(id), found = one.found ? `${number} ${one.found.sure ? "found" : "not sure"}` : number;
-    return el("tr", key === chosen ? { "aria-current": "true" } : {}, el("th", { scope: "row" }, one.vehicle),
+    const name = el("span", key ? { role: "button", tabindex: "0", "data-key": key } : {}, one.vehicle);
+    name.addEventListener("click", () => choose(key));
+    name.addEventListener("keydown", (event) => { if (event.key === "Enter") choose(key); });
+    return el("tr", key === chosen ? { "aria-current": "true" } : {}, el("th", { scope: "row" }, name),
       el("td", {}, one.phase), el("td", {}, last ? near([last[N], last[N + 1]]) : ""), el("td", {}, found));
   }));
+  if (held) [...$("team-rows").querySelectorAll("[data-key]")].find((one) => one.dataset.key === held)?.focus();
 }

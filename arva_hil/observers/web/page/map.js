@@ -21,6 +21,13 @@ export function showMap(next) {
   ask();
 }
 
+// The receiver of the vehicle that is drawn there, if there is one.
+export function vehicleAt(x, y) {
+  const near = scene?.vehicles.map((one) => [one.key, one.ghost?.place ?? (glides.get(one.key) && now(glides.get(one.key)))]).filter(([, place]) => place)
+    .map(([key, [n, e]]) => [key, Math.hypot(view.x(e) - x, view.y(n) - y)]).sort((a, b) => a[1] - b[1])[0];
+  return near && near[1] < 22 ? near[0] : null;
+}
+
 function ask() {
   if (due) return;
   due = true;

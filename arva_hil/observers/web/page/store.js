@@ -78,6 +78,13 @@ export function fixed(number, digits = 1) {
   return number < 0 && Number(text) ? `−${text}` : text;
 }
 
+// A place as two distances, each with its direction and none with a minus.
+export function placed([n, e], digits = 1, [north, south, east, west] = [" m N", " m S", " m E", " m W"]) {
+  const one = (m, forth, back) => `${Math.abs(m).toFixed(digits)}${m < 0 && Number(m.toFixed(digits)) ? back : forth}`;
+  return `${one(n, north, south)}, ${one(e, east, west)}`;
+}
+export const IN_WORDS = [" m north", " m south", " m east", " m west"];
+
 const COMPASS = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
 // A way on the ground, [north, east] in metres, as a distance and a direction.
 export function away([n, e]) {
