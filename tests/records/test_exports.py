@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import os
+import re
 import tracemalloc
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +22,7 @@ from lxml import etree
 
 from arva_hil.config import DEFAULT
 from arva_hil.model.field import LocalFrame
+from arva_hil.records.pictures.style import look_of
 from arva_hil.records.reading import Recording, load
 from arva_hil.registry import EXPORTS
 from tests.made_records import HOME, SILENT, frames, write, write_search
@@ -57,7 +59,8 @@ def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(t
     assert len(track.track_items) == COUNT - SILENT
     for n, item in enumerate(track.track_items, SILENT):
         lat, lon, alt = where(n)
-        assert item.coord.coords[0] == pytest.approx((lon, lat, alt), abs=1e-9)
+        assert item.coord.coords[0][:2] == pytest.approx((lon, lat), abs=6e-9)
+        assert item.coord.coords[0][2] == pytest.approx(alt, abs=6e-4)
         assert item.when.dt.isoformat() == f"2027-01-01T00:00:{2 + n:02}+00:00"
     found, edge = marks["place found: transmitter 1"], marks["place found: transmitter 1, 95 %"]
     assert "95% inside an ellipse of 1.00 m × 0.44 m (semi-axes), long axis 13°" in found.description
@@ -67,6 +70,12 @@ def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(t
     lengths = np.hypot(*np.transpose(around))
     assert (lengths.max(), lengths.min()) == pytest.approx((1.0, 0.444), abs=0.005)
     assert len(marks["search"].kml_geometry.track_items) == COUNT
+    colour = look_of(1)[0]
+    style = re.search(r'<Style id="transmitter1"><IconStyle><color>ff(..)(..)(..)</color>', data.decode())
+    assert style is not None
+    assert f"#{style[3]}{style[2]}{style[1]}" == colour
+    assert b"<styleUrl>#transmitter1</styleUrl>" in data
+    assert all(len(number) <= 8 for number in re.findall(r"\d\.(\d+)", re.sub(r"<Style.*?</Style>", "", data.decode())))
 
 
 def test_each_place_of_several_is_there_with_its_ellipse_and_its_order(tmp_path: Path) -> None:
@@ -111,14 +120,15 @@ def test_gpx_has_every_point_and_the_ellipse_as_a_route(tmp_path: Path) -> None:
     assert len(segment.points) == COUNT - SILENT
     for n, point in enumerate(segment.points, SILENT):
         lat, lon, alt = where(n)
-        assert (point.latitude, point.longitude, point.elevation) == pytest.approx((lat, lon, alt), abs=1e-9)
+        assert (point.latitude, point.longitude) == pytest.approx((lat, lon), abs=6e-9)
+        assert point.elevation == pytest.approx(alt, abs=6e-4)
         assert point.time.isoformat() == f"2027-01-01T00:00:{2 + n:02}+00:00"
         (d,) = point.extensions
         assert float(d.text) == frames(DEFAULT, COUNT)[n].reading.channels[0].d_cm / 100
     assert [point.name for point in parsed.waypoints] == ["place found: transmitter 1", "transmitter 1"]
     truth = parsed.waypoints[1]
     there = LocalFrame(*HOME).ned(truth.latitude, truth.longitude, truth.elevation)
-    assert there.tolist() == pytest.approx([20, 5, 0], abs=1e-6)
+    assert there.tolist() == pytest.approx([20, 5, 0], abs=1e-3)
     assert len(parsed.routes[0].points) == 49
     assert search.name == "search"
 
@@ -150,7 +160,8 @@ def test_geojson_is_valid_and_has_each_reading_as_a_point(tmp_path: Path, monkey
     }
     for n, feature in enumerate(kinds["reading"], SILENT):
         lat, lon, alt = where(n)
-        assert feature.geometry.coordinates == pytest.approx([lon, lat, alt], abs=1e-7)
+        assert feature.geometry.coordinates[:2] == pytest.approx([lon, lat], abs=6e-9)
+        assert feature.geometry.coordinates[2] == pytest.approx(alt, abs=6e-4)
         channel = frames(DEFAULT, COUNT)[n].reading.channels[0]
         (heard,) = feature.properties["heard"]
         assert (heard["id"], heard["d_cm"], heard["delta_deg"]) == (channel.id, channel.d_cm, channel.delta_deg)
@@ -169,14 +180,15 @@ def test_csv_has_every_reading_once_with_what_the_search_did_then(tmp_path: Path
     assert len(rows) == len(readings) == 4 * COUNT
     for row, reading in zip(rows, readings, strict=True):
         for name, value in reading.items():
-            if name == "faults" or not value:
+            if name == "id" and not value:
+                assert row[name] == "-1"
+            elif name == "faults" or not value:
                 assert row[name] == value
             else:
                 assert float(row[name]) == float(value)
     for n in range(SILENT, COUNT):
-        assert [float(rows[4 * n][name]) for name in ("lat_deg", "lon_deg", "alt_m")] == pytest.approx(
-            where(n), abs=1e-9
-        )
+        assert [float(rows[4 * n][name]) for name in ("lat_deg", "lon_deg")] == pytest.approx(where(n)[:2], abs=6e-9)
+        assert float(rows[4 * n]["alt_m"]) == pytest.approx(where(n)[2], abs=6e-4)
         assert rows[4 * n]["utc"] == f"2027-01-01T00:00:{2 + n:02}.000Z"
     assert [rows[4 * n]["search_phase"] for n in range(5)] == ["", "climbing", "flying", "flying", "landing"]
 

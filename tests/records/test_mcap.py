@@ -23,6 +23,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from arva_hil.cli.main import main
+from arva_hil.config import DEFAULT, parse
 from arva_hil.records.reading import load
 from arva_hil.registry import EXPORTS
 from tests.made_records import write, write_search
@@ -105,6 +106,15 @@ def test_the_place_found_is_there(read: Read, tmp_path: Path) -> None:
     assert (every["/search/found"]["latitude"], every["/search/found"]["longitude"]) == pytest.approx(
         found["lat_lon"], abs=1e-9
     )
+
+
+def test_the_settings_of_the_run_are_attached(tmp_path: Path) -> None:
+    folder = write(tmp_path / "run", 5)
+    with exported(folder).open("rb") as file:
+        attached = {one.name: one.data for one in make_reader(file).iter_attachments()}
+    for name in ("run.json", "search.json"):
+        assert json.loads(attached[name]) == json.loads((folder / name).read_text())
+    assert parse(attached["scenario.yaml"].decode(), "x").transmitters == DEFAULT.transmitters
 
 
 @READERS

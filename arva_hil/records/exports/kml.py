@@ -8,6 +8,7 @@ from typing import BinaryIO, Final
 
 from arva_hil.records.exports.tracks import FlightTrack, Landmark, marks, moment, plain_rows, tracks
 from arva_hil.records.exports.xml_text import element, text
+from arva_hil.records.pictures.style import look_of
 from arva_hil.records.reading import Recording
 
 _HEAD: Final = """<?xml version="1.0" encoding="UTF-8"?>
@@ -16,10 +17,12 @@ _HEAD: Final = """<?xml version="1.0" encoding="UTF-8"?>
 """
 _STYLES: Final = """<Style id="receiver"><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>
 <Style id="search"><LineStyle><color>ff009fe6</color><width>2</width></LineStyle></Style>
-<Style id="found"><LineStyle><color>ff005ed5</color><width>2</width></LineStyle>
-<PolyStyle><color>40005ed5</color></PolyStyle></Style>
-<Style id="transmitter"><IconStyle><color>ff739e00</color></IconStyle></Style>
-<Schema id="reading">
+<Style id="found">
+<IconStyle><color>ff005ed5</color><scale>1.2</scale>
+<Icon><href>http://maps.google.com/mapfiles/kml/shapes/flag.png</href></Icon></IconStyle>
+<LineStyle><color>ff005ed5</color><width>2</width></LineStyle><PolyStyle><color>40005ed5</color></PolyStyle></Style>
+"""
+_SCHEMA: Final = """<Schema id="reading">
 <gx:SimpleArrayField name="d_m" type="float"><displayName>d of the nearest, m</displayName></gx:SimpleArrayField>
 <gx:SimpleArrayField name="true_range_m" type="float"><displayName>true range, m</displayName></gx:SimpleArrayField>
 </Schema>
@@ -37,16 +40,29 @@ def _parts(recording: Recording) -> Iterator[str]:
     yield _HEAD
     yield element("name", recording.title)
     yield _STYLES
-    for mark in marks(recording):
+    places = marks(recording)
+    for id_ in dict.fromkeys(mark.id for mark in places if mark.kind == "transmitter"):
+        yield _look(id_)
+    yield _SCHEMA
+    for mark in places:
         yield from _mark(mark)
     for track in tracks(recording):
         yield from _track(recording, track)
     yield _TAIL
 
 
+def _look(id_: int | None) -> str:
+    """Return the style of a transmitter: its colour in all pictures, and an icon that viewers have."""
+    red, green, blue = (look_of(id_)[0][i : i + 2] for i in (1, 3, 5))
+    icon = "<Icon><href>http://maps.google.com/mapfiles/kml/shapes/donut.png</href></Icon>"
+    colour = f"<color>ff{blue}{green}{red}</color><scale>1.1</scale>"
+    return f'<Style id="transmitter{id_}"><IconStyle>{colour}{icon}</IconStyle></Style>\n'
+
+
 def _mark(mark: Landmark) -> Iterator[str]:
     lat, lon, alt = mark.lla
-    about = element("description", mark.about) + f"<styleUrl>#{mark.kind}</styleUrl>\n"
+    style = f"transmitter{mark.id}" if mark.kind == "transmitter" else mark.kind
+    about = element("description", mark.about) + f"<styleUrl>#{style}</styleUrl>\n"
     point = (
         f"<Point><altitudeMode>clampToGround</altitudeMode><coordinates>{lon!r},{lat!r},{alt!r}</coordinates></Point>"
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import IO, BinaryIO, Final, cast
+import json
+from collections.abc import Iterator
+from typing import IO, Any, BinaryIO, Final, cast
 
 from mcap.writer import Writer
 
@@ -32,7 +34,7 @@ class _Counting:
 
 
 def write(recording: Recording, out: BinaryIO) -> None:
-    """See `arva_hil.records.exports`: the messages of a record, in the order of their times."""
+    """Write a record as MCAP: its messages in the order of their times, and its settings as attachments."""
     writer = Writer(cast(IO[bytes], _Counting(out)))
     writer.start(profile=_PROFILE, library=f"arva-hil {__version__}")
     schemas: dict[type[Message], int] = {}
@@ -44,4 +46,20 @@ def write(recording: Recording, out: BinaryIO) -> None:
         if topic not in channels:
             channels[topic] = writer.register_channel(topic, "cdr", schemas[kind])
         writer.add_message(channels[topic], stamp_ns, encode(message), stamp_ns, sequence=number)
+    for name, data in _attachments(recording):
+        writer.add_attachment(0, 0, name, "application/json", data)
     writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _attachments(recording: Recording) -> Iterator[tuple[str, bytes]]:
+    """Yield names and contents: run.json, its scenario as a file of its own, and search.json."""
+    if recording.run is not None:
+        yield "run.json", _json(recording.run.json)
+        if scenario := recording.run.json.get("scenario"):
+            yield "scenario.yaml", _json(scenario)  # JSON is YAML
+    if recording.search is not None and recording.search.outcome:
+        yield "search.json", _json(recording.search.outcome)
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, indent=2).encode()

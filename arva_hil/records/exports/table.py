@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from arva_hil.records.exports.tracks import moment, plain_rows
+from arva_hil.records.exports.tracks import moment, plain_rows, rounded
 from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
 from arva_hil.safe_text import cell
 
@@ -24,7 +24,7 @@ _BATCH: Final = 1 << 16  # characters
 
 
 def write(recording: Recording, out: BinaryIO) -> None:
-    """Write a record as CSV. What is not known is empty.
+    """Write a record as CSV. What is not known is empty; an unknown `id` is -1, so that the column has integers.
 
     The search's columns are those of its newest step before the frame. A search alone has a row for each step.
     """
@@ -61,7 +61,7 @@ def _readings(recording: Recording, receiver: RecordedReceiver, search: Recorded
     columns = (
         receiver.sequence[:, None],
         receiver.boot_ms[:, None],
-        unknown if lla is None else lla,
+        unknown if lla is None else rounded(lla),
         receiver.position,
         receiver.attitude_deg,
         receiver.reported,
@@ -76,7 +76,7 @@ def _readings(recording: Recording, receiver: RecordedReceiver, search: Recorded
         rows = receiver.rows(n)
         slots = zip(*(column[rows].tolist() for column in of_slot), strict=True)
         for slot, (id_, *values, range_m) in enumerate(slots, 1):
-            yield [*head, slot, "" if id_ < 0 else id_, *values, _plain(range_m), *tail]
+            yield [*head, slot, id_, *values, _plain(range_m), *tail]
 
 
 def _step(search: RecordedSearch, step: int) -> list[Any]:

@@ -53,13 +53,23 @@ class FlightTrack(NamedTuple):
 
 
 class Landmark(NamedTuple):
-    """A point with a name. `kind`: found or transmitter. `outline`: around it, (latitude, longitude), closed."""
+    """A point with a name.
+
+    `kind`: found or transmitter. `outline`: around it, (latitude, longitude), closed. `id`: of the transmitter.
+    """
 
     kind: str
     name: str
     about: str
     lla: Lla
     outline: Sequence[tuple[float, float]] = ()
+    id: int | None = None
+
+
+def rounded(lla: NDArray[Any]) -> Floats:
+    """Return places (…, 3) with degrees to 8 decimals (1 mm) and altitudes to 3."""
+    result: Floats = np.concatenate([np.round(lla[..., :2], 8), np.round(lla[..., 2:], 3)], axis=-1)
+    return result
 
 
 def moment(recording: Recording, time_s: float) -> str:
@@ -98,7 +108,7 @@ def marks(recording: Recording) -> list[Landmark]:
 def _track(name: str, receiver: RecordedReceiver | None, time_s: Floats, lla: Floats) -> FlightTrack:
     there = np.isfinite(lla).all(axis=1) & np.isfinite(time_s)
     rows = np.flatnonzero(there)
-    return FlightTrack(name, receiver, rows, time_s[rows], lla[rows], np.diff(rows, prepend=rows[:1]) > 1)
+    return FlightTrack(name, receiver, rows, time_s[rows], rounded(lla[rows]), np.diff(rows, prepend=rows[:1]) > 1)
 
 
 def _found(recording: Recording) -> Iterator[Landmark]:
@@ -127,7 +137,8 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, lat_lon: tuple[fl
         )
     id_ = found.id if search.victims else search.target
     name = "place found" if id_ is None else f"place found: transmitter {id_}"
-    return Landmark("found", name, about, (*lat_lon, alt), [(lat, lon) for lat, lon in edge])
+    lat, lon, alt = rounded(np.array([*lat_lon, alt])).tolist()
+    return Landmark("found", name, about, (lat, lon, alt), [(round(a, 8), round(b, 8)) for a, b in edge], id_)
 
 
 def _transmitters(recording: Recording) -> Iterator[Landmark]:
@@ -139,10 +150,10 @@ def _transmitters(recording: Recording) -> Iterator[Landmark]:
         there = moving.at(end_s)
         lla = recording.lla(vehicle, np.full(len(there.ids), end_s), there.positions)
         assert lla is not None
-        for id_, strength, place in zip(there.ids, there.strengths.tolist(), lla.tolist(), strict=True):
+        for id_, strength, place in zip(there.ids, there.strengths.tolist(), rounded(lla).tolist(), strict=True):
             if id_ not in there.unplaced:
                 of = f" (datum of {vehicle})" if vehicle else ""
                 about = f"true place at the end of the run, strength {strength:g}"
-                yield Landmark("transmitter", f"transmitter {id_}{of}", about, (place[0], place[1], place[2]))
+                yield Landmark("transmitter", f"transmitter {id_}{of}", about, (place[0], place[1], place[2]), (), id_)
         if recording.run and recording.run.scenario and recording.run.scenario.datum != "home":
             return  # the same for every vehicle
