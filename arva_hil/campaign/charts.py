@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from arva_hil.campaign.results import TrialRow, groups, wilson
-from arva_hil.records.pictures.style import GREY, PALETTE, Format, figure, saved, styled
+from arva_hil.records.pictures.style import GREY, PALETTE, SCREEN, Format, Print, saved, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +40,7 @@ def colours(strategies: Iterable[str]) -> dict[str, str]:
     return {name: PALETTE[n % len(PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
 
 
-def draw(rows: Sequence[TrialRow], success_m: float, format: Format = "svg") -> dict[str, bytes]:
+def draw(rows: Sequence[TrialRow], success_m: float, format: Format = "svg", form: Print = SCREEN) -> dict[str, bytes]:
     """Return the picture of each chart by its caption. Raises ImportError without matplotlib."""
     kinds: dict[str, Callable[[Axes, Sequence[TrialRow], float], None]] = {
         "Success, with its 95 % confidence interval": _success,
@@ -51,13 +51,13 @@ def draw(rows: Sequence[TrialRow], success_m: float, format: Format = "svg") -> 
         if len(groups(rows, column)) > (_VALUES if column == "distance_m" else 2):
             kinds[f"Success by {label.partition(',')[0]}"] = functools.partial(_by_number, column)
     drawn = {}
-    with styled(_STYLE):
+    with styled({**_STYLE, **form.style}):
         for caption, plot in kinds.items():
-            made = figure(*_SIZE)
+            made = form.figure(*_SIZE)
             axes = made.add_subplot()
             plot(axes, rows, success_m)
             handles, labels = axes.get_legend_handles_labels()
-            made.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
+            made.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 2 if form.width_in else 4))
             drawn[caption] = saved(made, format, transparent=format == "svg")  # the page may be dark
     return drawn
 

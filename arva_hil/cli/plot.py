@@ -9,7 +9,7 @@ from pathlib import Path
 from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
 from arva_hil.cli.recorded import is_campaign, loaded, make_folder, needing, write
 from arva_hil.records.pictures.run import pictures, sheets
-from arva_hil.records.pictures.style import FORMATS, Format
+from arva_hil.records.pictures.style import COLUMN_IN, FORMATS, Format, Print
 
 
 def main(options: argparse.Namespace) -> int:
@@ -17,15 +17,20 @@ def main(options: argparse.Namespace) -> int:
     sheet = next((one for one in FORMATS if out.suffix.lower() == f".{one}" and not out.is_dir()), None)
     if sheet and options.picture_format not in (None, sheet):
         raise UsageError(f"--format {options.picture_format}: --out {out} says {sheet}: leave one of them out")
-    format: Format = sheet or options.picture_format or "png"
+    format: Format = sheet or options.picture_format or ("pdf" if options.paper else "png")
+    if sheet and (options.paper or options.size or options.dpi):
+        raise UsageError(
+            f"--out {out}: a sheet has its own size: name a folder, or leave out --paper, --size and --dpi"
+        )
+    form = Print(options.size or (COLUMN_IN if options.paper else None), options.dpi, options.paper)
     if is_campaign(options.run):
-        return _campaign(options, out, format, sheet)
+        return _campaign(options, out, format, sheet, form)
     recording = loaded(options.run)
     with needing("plots", "plot"):
         if sheet:
             drawn = [(_named(out, receiver), data) for receiver, data in sheets(recording, format)]
         else:
-            every = pictures(recording, format)
+            every = pictures(recording, format, form=form)
             drawn = [(_named(out / f"{name}.{format}", receiver), data) for receiver, name, data in every]
     if not sheet:
         make_folder(out)
@@ -34,7 +39,7 @@ def main(options: argparse.Namespace) -> int:
     return OK
 
 
-def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str | None) -> int:
+def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str | None, form: Print) -> int:
     """Draw the charts of a campaign's results into a folder."""
     from arva_hil.campaign import charts, results  # slow to import
 
@@ -42,7 +47,7 @@ def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str
         raise UsageError(f"--out {out}: a campaign has a file for each chart: name a folder")
     try:
         with results.opened(Path(options.run)) as kept, needing("plots", "plot"):
-            drawn = charts.draw(list(kept.rows.values()), kept.success_m(), format)
+            drawn = charts.draw(list(kept.rows.values()), kept.success_m(), format, form)
     except results.ResultsError as error:
         raise Failure(FAILED, error) from None
     make_folder(out)

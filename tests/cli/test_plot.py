@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -32,6 +33,26 @@ def test_without_out_each_picture_is_a_file_in_the_record(arva: Arva, tmp_path: 
         "streams.svg",
         "timeline.svg",
     ]
+
+
+def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(arva: Arva, tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", 20)
+    for width, more in ((3.5, []), (7.16, ["--size", "7.16"])):
+        code, _, err = arva("plot", folder, "--paper", *more, "--out", tmp_path / f"{width}")
+        assert code == 0, err
+        files = list((tmp_path / f"{width}").iterdir())
+        assert {file.name for file in files} >= {"map.pdf", "distance.pdf", "timeline.pdf"}
+        for file in files:
+            data = file.read_bytes()
+            box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", data)
+            assert box is not None
+            assert float(box[1]) == pytest.approx(72 * width, abs=0.1)
+            assert b"/FontFile2" in data  # TrueType
+            assert b"/Type3" not in data
+            assert b"/Subtype /Image" not in data
+    code, _, err = arva("plot", folder, "--paper", "--out", tmp_path / "sheet.pdf")
+    assert code == 2
+    assert "a sheet has its own size: name a folder" in err
 
 
 def test_a_folder_that_cannot_be_made_and_two_kinds_at_once_are_refused(arva: Arva, tmp_path: Path) -> None:

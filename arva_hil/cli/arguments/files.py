@@ -54,6 +54,11 @@ def plot(parser: CommandParser) -> None:
     )
     what, kinds = "format of the pictures in a folder; default png", ("png", "svg", "pdf")
     parser.option("--format", what, environment=False, dest="picture_format", choices=kinds)
+    paper = "pictures for a paper: PDF, 3.5 inches wide, 8 points, embedded TrueType fonts, no titles"
+    parser.option("--paper", paper, environment=False)
+    size = "width of a picture, e.g. 7.16 for both columns"
+    parser.option("--size INCHES", size, number(1, 20, " of inches"), environment=False)
+    parser.option("--dpi N", "resolution of PNG", whole(50, 1200), environment=False)
 
 
 def compare(parser: CommandParser) -> None:

@@ -97,8 +97,9 @@ def _draw_transmitters(axes: Axes, transmitters: Transmitters) -> list[Any]:
             continue
         along = transmitters.rotations[n, :2, 0] * 2.0
         colour, marker = look_of(id_)
-        name = None if seen else "transmitter and its dipole"
-        axes.plot(place[1], place[0], marker, ms=9, color=colour, mec="white", zorder=5, label=name)
+        axes.plot(
+            place[1], place[0], marker, ms=9, color=colour, mec="white", zorder=5, label=f"transmitter {id_}, dipole"
+        )
         axes.plot(
             [place[1] - along[1], place[1] + along[1]],
             [place[0] - along[0], place[0] + along[0]],

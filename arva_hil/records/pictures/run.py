@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from arva_hil.records.pictures.flight_map import draw_map
 from arva_hil.records.pictures.over_time import draw_distance, draw_timeline
-from arva_hil.records.pictures.style import Format, figure, saved, styled
+from arva_hil.records.pictures.style import SCREEN, Format, Print, figure, move_legend, saved, styled
 from arva_hil.records.pictures.timing import draw_lateness, draw_streams
 from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.records.reading.streams import streams
@@ -24,16 +24,22 @@ _SIZES: Final = {"map": (6.2, 5.6), "distance": (6.2, 3.8), "timeline": (6.2, 2.
 _USUAL: Final = (6.2, 3.2)
 
 
-def pictures(recording: Recording, format: Format, *, transparent: bool = False) -> Iterator[tuple[str, str, bytes]]:
+def pictures(
+    recording: Recording, format: Format, *, transparent: bool = False, form: Print = SCREEN
+) -> Iterator[tuple[str, str, bytes]]:
     """(receiver, picture, file) of each receiver of a record; the log of a search alone has one without a name.
 
     Raises ModuleNotFoundError without matplotlib, RecordingError for a log that cannot be read.
     """
-    with styled():
+    with styled(form.style):
         for receiver, draws in _each(recording):
             for name, draw in draws.items():
-                made = figure(*_SIZES.get(name, _USUAL))
-                draw(made.add_subplot())
+                made = form.figure(*_SIZES.get(name, _USUAL))
+                axes = made.add_subplot()
+                draw(axes)
+                move_legend(made, axes)
+                if form.paper:
+                    axes.set_title("")
                 yield receiver, name, saved(made, format, transparent=transparent)
 
 

@@ -6,12 +6,13 @@ import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Format = Literal["png", "svg", "pdf"]
@@ -52,6 +53,44 @@ def look_of(id_: int | None) -> tuple[str, str]:
     return (LOOKS[id_ % len(LOOKS)], SHAPES[id_ % len(SHAPES)]) if id_ is not None and id_ >= 0 else (GREY, "X")
 
 
+_PAPER: Final = {
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "axes.edgecolor": "black",
+    "pdf.fonttype": 42,  # TrueType: IEEE refuses Type 3
+}
+
+
+class Print(NamedTuple):
+    """The form of pictures for print, by IEEE's rules for authors.
+
+    `width_in`: inches, 3.5 for a column and 7.16 for a page; None: as on a screen. `dpi`: of PNG, None: as on a screen.
+    `paper`: without titles, 8 points, fonts embedded as TrueType.
+    """
+
+    width_in: float | None = None
+    dpi: int | None = None
+    paper: bool = False
+
+    @property
+    def style(self) -> Mapping[str, Any]:
+        """What is different from the usual look."""
+        dpi = {"figure.dpi": self.dpi, "savefig.dpi": self.dpi} if self.dpi else {}
+        return {**_PAPER, **dpi} if self.paper else dpi
+
+    def figure(self, width: float, height: float) -> Figure:
+        """Return an empty figure of these inches, or as wide as asked for with the same shape."""
+        wide = self.width_in or width
+        return figure(wide, height * wide / width)
+
+
+SCREEN: Final = Print()
+COLUMN_IN: Final = 3.5  # a column of IEEE; a page has 7.16
+
+
 @contextmanager
 def styled(more: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
     """Draw and save figures inside in this style. Raises ModuleNotFoundError without matplotlib.
@@ -73,6 +112,16 @@ def figure(width: float, height: float) -> Figure:
     made = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(made)
     return made
+
+
+def move_legend(made: Figure, axes: Axes) -> None:
+    """Move the legend below the axes, where it covers nothing."""
+    if (inside := axes.get_legend()) is None:
+        return
+    handles, labels = axes.get_legend_handles_labels()
+    inside.remove()
+    columns = sum(made.get_size_inches()[0] > width for width in (0, 3, 6))
+    made.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
 def saved(made: Figure, format: Format, *, transparent: bool = False) -> bytes:
