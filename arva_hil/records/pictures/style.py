@@ -77,7 +77,7 @@ class Print(NamedTuple):
 
     @property
     def style(self) -> Mapping[str, Any]:
-        """What is different from the usual look."""
+        """The differences from the usual look."""
         dpi = {"figure.dpi": self.dpi, "savefig.dpi": self.dpi} if self.dpi else {}
         return {**_PAPER, **dpi} if self.paper else dpi
 
