@@ -100,7 +100,7 @@ def test_frames_are_told_ten_times_a_second_with_the_place_of_the_receiver() -> 
     told: list[Event] = []
     half = math.sqrt(0.5)
     east = VehicleState(0.0, np.array([3.0, 2.0, -1.0]), np.zeros(3), (half, 0.0, 0.0, half), 0.0)
-    session: Any = SimpleNamespace(state_at=lambda now, origin: east)
+    session: Any = SimpleNamespace(navigation=SimpleNamespace(state_at=lambda now, origin: east))
     plan = SearchPlan(Estimate, mount=Mount((1.0, 0.0, 0.0)))
     flight = MissionRun(plan, session, start=0.0, emit=told.append, log=None)
     for step in range(5):

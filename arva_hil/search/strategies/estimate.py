@@ -53,27 +53,118 @@ _LONGEST_S: Final = 240.0  # the same after the first hover above a place, in an
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
+class Hypotheses:
+    """Dipoles that may explain the readings, under one cause; their shares add up to 1.
+
+    - `cause`: of what is wrong with the readings. `readings`: with the poses under that cause.
+    - `x`: dipoles (K, 6). `places`: (K, 3), in the frame reported now. `share`: (K,).
+    - `drifts`: the fits under a drift of the places, the best first; none without a drift.
+    - `covariance`: of north and east of the average [m²]. `sure`: that is small.
+    - `pose_error`: of the receiver's places [m]. `age`: readings since other hypotheses were added.
+    """
+
+    def __init__(self, evidence: Evidence) -> None:
+        self.readings = dipole.DipoleReadings()
+        self.cause = NOTHING
+        self.drifts: list[DriftFit] = []
+        self.x, self.pose_error = np.empty((0, 6)), 0.1
+        self.share, self.places = np.empty(0), np.empty((0, 3))
+        self.covariance = np.zeros((2, 2))
+        self.sure = False
+        self.age = 0
+        self._evidence = evidence
+        self._damping = np.empty(0)
+
+    def take(self, one: Explanation, o: Observation) -> None:
+        """Go on from an explanation."""
+        self.cause, self.readings = one.cause, one.readings
+        self.drifts = [one.best] if one.cause.drift_m else []
+        self.x, self._damping, self.pose_error = one.x, np.full(len(one.x), 0.01), min(one.pose_error, 1.0)
+        self.weigh(o, _ROUNDS)
+
+    def add(self, one: Explanation) -> None:
+        """Put the best fit of an explanation before the others."""
+        self.x, self.drifts = np.concatenate([one.x[:1], self.x]), [one.best, *self.drifts]
+
+    def settled(self) -> Found:
+        """Return their average, without the drift."""
+        (nn, ne), (_, ee) = self.covariance.tolist()
+        north, east, down = (self.share @ self.places).tolist()
+        if not self.drifts:
+            return Found(north, east, down, (nn, ne, ee))
+        best = self.drifts[0]  # not where it seems to be now, but where it was all the time
+        (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
+        mean_north, mean_east, mean_down = best.x[:3].tolist()
+        return Found(mean_north, mean_east, mean_down, (nn, ne, ee), (north, east))
+
+    def seed(self, o: Observation) -> None:
+        """Add those that agree with a reading."""
+        new = dipole.seeds(o.position, o.bearing, o.d_m, o.ground)
+        self.x = np.concatenate([self.x, new])
+        self._damping = np.append(self._damping, np.full(len(new), 0.01))
+        self.age = 0
+
+    def weigh(self, o: Observation, rounds: int) -> None:
+        """Fit the hypotheses, and drop unlikely and equal ones."""
+        if self.cause.drift_m:
+            self._weigh_drifting()
+            return
+        fit, damping = dipole.refine(self.x, self._damping, self.readings, self.pose_error, rounds)
+        order = np.argsort(fit.cost, kind="stable")
+        x, cost = fit.x[order], fit.cost[order] - fit.cost[order[0]]
+        x[:, 3:] *= np.where(x[:, 3:] @ x[0, 3:] < 0, -1, 1)[:, None]  # m and −m sound alike
+        scale = _SAME * ([1 + math.dist(x[0, :3], o.position)] * 3 + [1] * 3)
+        apart = (np.abs(x[:, None] - x) > scale).any(axis=2)
+        kept = np.flatnonzero((cost < dipole.FORGET) & (apart | ~np.tri(len(x), k=-1, dtype=bool)).all(axis=1))[:_MANY]
+        order = order[kept]
+        self.x, self._damping, self.share = x[kept], damping[order], np.exp(-cost[kept])
+        self.share /= self.share.sum()
+        self.pose_error = dipole.likely_pose_error(fit, int(order[0]), self.readings)
+        self.places = self.x[:, :3]
+        self._spread(_CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2])
+
+    def _weigh_drifting(self) -> None:
+        """Weigh the hypotheses under a drift, at their places in the frame reported now."""
+        self.readings = self._evidence.readings(self.cause)
+        self.drifts = fitted_again(self.x, self.drifts, self.readings, self.cause.drift_m)
+        self.x, self.places = (np.array(column) for column in zip(*((d.x, d.now) for d in self.drifts), strict=True))
+        self._damping = np.full(len(self.x), 0.01)
+        self.share = np.exp([self.drifts[0].cost - d.cost for d in self.drifts])
+        self.share /= self.share.sum()
+        self.pose_error = WHITE_M
+        self._spread(np.array([d.now_covariance[:2, :2] for d in self.drifts]))
+
+    def _spread(self, each: NDArray[Any]) -> None:
+        """Update the covariance of the average of the hypotheses, from that of each."""
+        off = self.places[:, :2] - self.share @ self.places[:, :2]
+        each = each + off[:, :, None] * off[:, None]
+        self.covariance = np.einsum("k,kij->ij", self.share, each)
+        sigma = _SURE_M + _DRIFT * self.cause.drift_m
+        self.sure = bool(np.linalg.eigvalsh(self.covariance)[1] < sigma**2) and self.pose_error < _MISFIT_M
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """The average of the hypotheses."""
+        north, east, _ = (self.share @ self.places).tolist()
+        return north, east
+
+
 class Estimate:
-    """Remembers the readings, the hypotheses that are left, and the place that it flies to."""
+    """Remembers the readings, the hypotheses that are left, and the way that it flies to tell them apart."""
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
         self._found: Found | None = None
-        self._readings = dipole.DipoleReadings()
         self._evidence = Evidence()
-        self._cause, self._unexplained = NOTHING, 0
-        self._drifts: list[DriftFit] = []
+        self._dipoles = Hypotheses(self._evidence)
+        self._unexplained = 0  # readings since causes were compared
         self._circle: Circle | None = None
         self._listens_s = math.inf  # since when it circles, with this cause
         self._doubtful_s = math.inf  # since when the readings do not agree with the place
         self._above_s = math.inf  # when it first came above a place
         self._strongest: Observation | None = None
         self._last_s = -math.inf
-        self._silent = self._age = self._turns = 0
-        self._x, self._damping, self._pose_error = np.empty((0, 6)), np.empty(0), 0.1
-        self._share, self._places = np.empty(0), np.empty((0, 3))
-        self._covariance = np.zeros((2, 2))
-        self._sure = False
+        self._silent = self._turns = 0
         self._heading = np.zeros(2)
         self._target: tuple[float, float] | None = None
 
@@ -84,8 +175,8 @@ class Estimate:
     @property
     def belief(self) -> Belief:
         """The hypotheses, the covariance of their average, and where it flies to."""
-        (nn, ne), (_, ee) = self._covariance.tolist()
-        every = np.column_stack([self._places[:, :2], self._share]).tolist()
+        (nn, ne), (_, ee) = self._dipoles.covariance.tolist()
+        every = np.column_stack([self._dipoles.places[:, :2], self._dipoles.share]).tolist()
         return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._target)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
@@ -98,7 +189,7 @@ class Estimate:
         if self._found or not o.finite:
             return
         self._evidence.add(o)
-        step_s = _DRIFTING_S if self._drifts else max(_STEP_S, _STEP_M / self._speed)
+        step_s = _DRIFTING_S if self._dipoles.drifts else max(_STEP_S, _STEP_M / self._speed)
         if 0 <= o.time_s - self._last_s < step_s:
             return
         if o.heard and (self._strongest is None or o.d_cm < self._strongest.d_cm):
@@ -107,20 +198,20 @@ class Estimate:
             return
         self._last_s = o.time_s
         self._silent = 0 if o.heard else self._silent + 1
-        self._age += 1
-        at, rotation = self._evidence.at(o.time_s - o.age_s - self._cause.lag_s)
+        self._dipoles.age += 1
+        at, rotation = self._evidence.at(o.time_s - o.age_s - self._dipoles.cause.lag_s)
         for measured in o.measurements:
-            self._readings.add(at, rotation, *measured, o.time_s, o.ground)
-        if not len(self._x):
+            self._dipoles.readings.add(at, rotation, *measured, o.time_s, o.ground)
+        if not len(self._dipoles.x):
             self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
-            self._seed(o)
-        elif self._pose_error > _MISFIT_M and self._age > _AFRESH:
-            self._seed(self._strongest)
-        self._weigh(o, _ROUNDS)
+            self._dipoles.seed(o)
+        elif self._dipoles.pose_error > _MISFIT_M and self._dipoles.age > _AFRESH:
+            self._dipoles.seed(self._strongest)
+        self._dipoles.weigh(o, _ROUNDS)
         self._unexplained += 1
-        odd = bool(self._cause.drift_m) or self._pose_error > _ODD_M
+        odd = bool(self._dipoles.cause.drift_m) or self._dipoles.pose_error > _ODD_M
         later = _EXPLAIN_EVERY if odd else _EXPLAIN_LATER
-        later = _EXPLAIN_DRIFTING if self._drifts else later
+        later = _EXPLAIN_DRIFTING if self._dipoles.drifts else later
         if self._unexplained > later:
             self._explain(o)
         self._listen(o)
@@ -132,33 +223,36 @@ class Estimate:
         if near:
             self._above_s = min(self._above_s, o.time_s)
         if o.time_s - self._doubtful_s > _DOUBTFUL_S or o.time_s - self._above_s > _LONGEST_S:
-            self._found = self._settled()
+            self._found = self._dipoles.settled()
         elif self._circle is None:
             if near:
                 self._doubt(o)
             if near and self._near(o, _NEAR_M):
-                self._circle = Circle(self._place, o.position)
+                self._circle = Circle(self._dipoles.place, o.position)
                 self._listens_s = min(self._listens_s, o.time_s)
-        elif math.dist(o.position[:2], self._place) > _ASTRAY_M or not (self._sure or self._drifts):
+        elif math.dist(o.position[:2], self._dipoles.place) > _ASTRAY_M or not (
+            self._dipoles.sure or self._dipoles.drifts
+        ):
             self._circle, self._listens_s = None, math.inf
         elif self._circle.done and self._heard_enough(o.time_s - self._listens_s):
             self._doubt(o)
             if self._certain(o):
-                self._found = self._settled()
+                self._found = self._dipoles.settled()
         if self._found:
             self._circle = None
         elif self._circle:
-            self._circle.observe(self._place)
+            self._circle.observe(self._dipoles.place)
 
     def _heard_enough(self, listened_s: float) -> bool:
         """Return True if it was received long enough, until the drift has averaged out as far as it will."""
-        sigma = float(np.linalg.eigvalsh(self._drifts[0].covariance[:2, :2])[1]) ** 0.5 if self._drifts else 0.0
+        drifts = self._dipoles.drifts
+        sigma = float(np.linalg.eigvalsh(drifts[0].covariance[:2, :2])[1]) ** 0.5 if drifts else 0.0
         return sigma < _AVERAGE_M or listened_s >= _AVERAGE_S
 
     def _certain(self, o: Observation) -> bool:
         """Return True if the readings agree with the place; if not, sample again, for another cause or hypothesis."""
-        north, east, *_ = self._settled()
-        every = self._evidence.explanations(beginning((north, east), self._evidence), self._cause)
+        north, east, *_ = self._dipoles.settled()
+        every = self._evidence.explanations(beginning((north, east), self._evidence), self._dipoles.cause)
         judgement = judged((north, east), every)
         agrees = judgement is not None and judgement.agrees(-o.position[2])
         if not agrees:
@@ -175,11 +269,11 @@ class Estimate:
         """Return True if the readings of another circle are needed to distinguish a usual drift from none."""
         least = min(one.cost for one in every)
         drifts = any(one.cause.drift_m >= DRIFTS_M[0] and one.cost < least + _UNLIKELY for one in every)
-        return drifts and self._cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _AVERAGE_S
+        return drifts and self._dipoles.cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _AVERAGE_S
 
     def _explain(self, o: Observation) -> None:
         """Find out how late the readings are, how their places drift, and which antennas fail."""
-        self._believe(self._evidence.explanations(self._x[:3], self._cause), _EVIDENT, o)
+        self._believe(self._evidence.explanations(self._dipoles.x[:3], self._dipoles.cause), _EVIDENT, o)
 
     def _believe(
         self, every: Sequence[Explanation], evident: float, o: Observation, *, drift: float = _EVIDENT
@@ -189,102 +283,39 @@ class Estimate:
         Return True if further explanations may be better: not after a smaller drift. `drift`: the same limit for a
         drift where there was none, which takes long to average out.
         """
-        self._unexplained, before, present = 0, self._cause, every[0]
+        self._unexplained, before, present = 0, self._dipoles.cause, every[0]
         new = 0.0 if before.drift_m else min(drift, _LIKELIER)
         best = min(every, key=lambda one: one.cost + (new if one.cause.drift_m else 0.0))
         lower = 0 < best.cause.drift_m < before.drift_m
         if lower or best.cause.drift_m > before.drift_m:
             evident = _EVIDENT if lower else drift
-        if self._drifts and present.best.cost < self._drifts[0].cost:
-            self._x, self._drifts = np.concatenate([present.x[:1], self._x]), [present.best, *self._drifts]
+        if self._dipoles.drifts and present.best.cost < self._dipoles.drifts[0].cost:
+            self._dipoles.add(present)
         if best.cause == before or present.cost - best.cost < evident:
             return False
         if best.cause.lag_s > before.lag_s + _LATE_S:
             self._circle = None  # its readings were not of it
         if not (best.cause.drift_m and before.drift_m):
             self._listens_s = o.time_s
-        self._cause, self._readings = best.cause, best.readings
-        self._drifts = [best.best] if best.cause.drift_m else []
-        self._x, self._damping, self._pose_error = best.x, np.full(len(best.x), 0.01), min(best.pose_error, 1.0)
-        self._weigh(o, _ROUNDS)
+        self._dipoles.take(best, o)
         return not lower
 
     def _doubt(self, o: Observation) -> None:
         """Sample other hypotheses once more."""
         assert self._strongest is not None
-        if self._cause.drift_m:
+        if self._dipoles.cause.drift_m:
             return
-        self._seed(self._strongest)
+        self._dipoles.seed(self._strongest)
         for rounds in _DOUBTS:
-            self._weigh(o, rounds)
-
-    def _settled(self) -> Found:
-        (nn, ne), (_, ee) = self._covariance.tolist()
-        north, east, down = (self._share @ self._places).tolist()
-        if not self._drifts:
-            return Found(north, east, down, (nn, ne, ee))
-        best = self._drifts[0]  # not where it seems to be now, but where it was all the time
-        (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
-        mean_north, mean_east, mean_down = best.x[:3].tolist()
-        return Found(mean_north, mean_east, mean_down, (nn, ne, ee), (north, east))
-
-    def _seed(self, o: Observation) -> None:
-        new = dipole.seeds(o.position, o.bearing, o.d_m, o.ground)
-        self._x = np.concatenate([self._x, new])
-        self._damping = np.append(self._damping, np.full(len(new), 0.01))
-        self._age = 0
-
-    def _weigh(self, o: Observation, rounds: int) -> None:
-        """Fit the hypotheses, and drop unlikely and equal ones."""
-        if self._cause.drift_m:
-            self._weigh_drifting()
-            return
-        fit, damping = dipole.refine(self._x, self._damping, self._readings, self._pose_error, rounds)
-        order = np.argsort(fit.cost, kind="stable")
-        x, cost = fit.x[order], fit.cost[order] - fit.cost[order[0]]
-        x[:, 3:] *= np.where(x[:, 3:] @ x[0, 3:] < 0, -1, 1)[:, None]  # m and −m sound alike
-        scale = _SAME * ([1 + math.dist(x[0, :3], o.position)] * 3 + [1] * 3)
-        apart = (np.abs(x[:, None] - x) > scale).any(axis=2)
-        kept = np.flatnonzero((cost < dipole.FORGET) & (apart | ~np.tri(len(x), k=-1, dtype=bool)).all(axis=1))[:_MANY]
-        order = order[kept]
-        self._x, self._damping, self._share = x[kept], damping[order], np.exp(-cost[kept])
-        self._share /= self._share.sum()
-        self._pose_error = dipole.likely_pose_error(fit, int(order[0]), self._readings)
-        self._places = self._x[:, :3]
-        self._spread(_CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2])
-
-    def _weigh_drifting(self) -> None:
-        """Weigh the hypotheses under a drift, at their places in the frame reported now."""
-        self._readings = self._evidence.readings(self._cause)
-        self._drifts = fitted_again(self._x, self._drifts, self._readings, self._cause.drift_m)
-        self._x, self._places = (np.array(column) for column in zip(*((d.x, d.now) for d in self._drifts), strict=True))
-        self._damping = np.full(len(self._x), 0.01)
-        self._share = np.exp([self._drifts[0].cost - d.cost for d in self._drifts])
-        self._share /= self._share.sum()
-        self._pose_error = WHITE_M
-        self._spread(np.array([d.now_covariance[:2, :2] for d in self._drifts]))
-
-    def _spread(self, each: NDArray[Any]) -> None:
-        """Update the covariance of the average of the hypotheses, from that of each."""
-        off = self._places[:, :2] - self._share @ self._places[:, :2]
-        each = each + off[:, :, None] * off[:, None]
-        self._covariance = np.einsum("k,kij->ij", self._share, each)
-        sigma = _SURE_M + _DRIFT * self._cause.drift_m
-        self._sure = bool(np.linalg.eigvalsh(self._covariance)[1] < sigma**2) and self._pose_error < _MISFIT_M
-
-    @property
-    def _place(self) -> tuple[float, float]:
-        """The average of the hypotheses."""
-        north, east, _ = (self._share @ self._places).tolist()
-        return north, east
+            self._dipoles.weigh(o, rounds)
 
     def _near(self, o: Observation, near_m: float) -> bool:
-        return self._sure and math.dist(o.position[:2], self._place) < near_m
+        return self._dipoles.sure and math.dist(o.position[:2], self._dipoles.place) < near_m
 
     def _steer(self, o: Observation, strongest: Observation) -> None:
         """Fly to the hypotheses, or after the signal is lost to the best place; there, in a spiral."""
         here = np.array(o.position[:2])
-        if self._sure:
+        if self._dipoles.sure:
             self._turns = 0
         elif self._target and math.dist(here, self._target) < _HERE_M:
             self._turns += 1
@@ -292,10 +323,10 @@ class Estimate:
         aside = np.array([radius * math.cos(angle), radius * math.sin(angle)])
         goal = strongest.position[:2] + aside
         if self._silent <= _LOST:
-            to = self._places[:, :2] + aside - here
+            to = self._dipoles.places[:, :2] + aside - here
             distance = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)
-            mean = self._share @ (to / distance[:, None])
+            mean = self._dipoles.share @ (to / distance[:, None])
             heading = mean + 0.5 * (1 - math.hypot(*mean)) * self._heading  # as before, as far as they disagree
             self._heading = heading / max(math.hypot(*heading), 1e-9)
-            goal = here + self._heading * (self._share @ distance)
+            goal = here + self._heading * (self._dipoles.share @ distance)
         self._target = (float(goal[0]), float(goal[1]))
