@@ -96,7 +96,7 @@ def flown(strategy: str, seed: int, most: int, gps_noise_m: float = 0.0) -> Flow
         tuple(map(str, world.faults)),
         told,
         error(drone, world, clock.now()),
-        mission.searched_s if mission else 0,
+        mission.progress.searched_s if mission else 0,
     )
 
 

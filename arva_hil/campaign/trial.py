@@ -96,9 +96,9 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         _team_outcome(len(loop.found), wanted) if team else _outcome(first),
         max(errors, default=None),
         first.off(clock.now()) if hovers else None,
-        max((mission.searched_s for mission in missions), default=0.0),
-        sum((mission.path_m for mission in missions), 0.0),
-        sum(mission.frames for mission in missions),
+        max((mission.progress.searched_s for mission in missions), default=0.0),
+        sum((mission.progress.path_m for mission in missions), 0.0),
+        sum(mission.progress.frames for mission in missions),
     )
 
 

@@ -35,6 +35,7 @@ class Encoder:
     def __init__(self, system: int, component: int, version: int = 2, signing: Signing | None = None) -> None:
         self.version = version
         self.system = system
+        self.component = component
         self._codec = dialect.MAVLink(None, system, component)
         self._signing = signing
         if signing:
@@ -49,7 +50,7 @@ class Encoder:
         try:
             if layout:  # MAVLink 2 leaves out zeros at the end, but keeps one byte
                 payload = layout.payload(message).rstrip(b"\0") or b"\0"
-                low, high, source = msgid & 0xFFFF, msgid >> 16, codec.srcComponent
+                low, high, source = msgid & 0xFFFF, msgid >> 16, self.component
                 covered = _COVERED_V2.pack(len(payload), 0, 0, codec.seq, self.system, source, low, high) + payload
                 raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + CRC_EXTRA[msgid]))
             else:

@@ -96,7 +96,7 @@ def test_bytes_of_two_senders_are_not_joined_in_a_packet(bench: Bench) -> None:
     bench.session.feed(raw[20:], bench.now, HERE)
     bench.send(HERE, attitude(1200))
     assert bench.boot_ms == 1200
-    assert bench.session.parser.skipped == bench.session.parser.bad_crc == 0
+    assert bench.session.reader.parser.skipped == bench.session.reader.parser.bad_crc == 0
 
 
 def test_ever_new_senders_cost_no_memory_and_no_packet_of_the_vehicle(bench: Bench) -> None:
@@ -107,7 +107,7 @@ def test_ever_new_senders_cost_no_memory_and_no_packet_of_the_vehicle(bench: Ben
     bench.session.feed(raw[20:], bench.now, HERE)
     bench.send(HERE, attitude(1200))
     assert bench.boot_ms == 1200
-    for parser in (bench.session.parser, bench.session.reader._strangers):
+    for parser in (bench.session.reader.parser, bench.session.reader._strangers):
         assert len(parser._rests) <= 8
 
 

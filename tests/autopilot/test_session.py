@@ -304,11 +304,11 @@ def test_a_place_on_the_equator_or_the_edge_is_a_position(lat: float, lon: float
 def test_an_unknown_message_is_counted_as_a_packet_and_changes_nothing() -> None:
     session = following()
     before = knowledge(session, 101.0)
-    count = session.parser.packets
+    count = session.reader.parser.packets
     unknown = b"\xfd\x03\x00\x00\x00\x01\x01\x9f\x86\x01abc\x12\x34"
     (found,) = session.feed(unknown, 101.0).own
     assert not found.known
-    assert session.parser.packets == count + 1
+    assert session.reader.parser.packets == count + 1
     assert knowledge(session, 101.0) == before
 
 
@@ -763,8 +763,8 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
         seen += len(session.feed(record.raw, record.time_s).accepted)
         poses.add(session.track.newest)
     vehicle = session.vehicle
-    assert seen == session.parser.packets == count
-    assert session.parser.bad_crc == session.parser.skipped == 0
+    assert seen == session.reader.parser.packets == count
+    assert session.reader.parser.bad_crc == session.reader.parser.skipped == 0
     assert session.navigation.refused == session.navigation.unpositioned == session.navigation.reboots == 0
     assert not any(session.disbelieved().values())
     assert vehicle is not None

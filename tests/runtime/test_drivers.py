@@ -228,8 +228,8 @@ def test_a_packet_torn_by_the_loss_costs_nothing_of_the_next_session(bench: Benc
     bench.run(1.0)
     bench.autopilot.plug()
     bench.run(2.0)
-    assert bench.session.parser.bad_crc == 0
-    assert bench.session.parser.skipped < 100
+    assert bench.session.reader.parser.bad_crc == 0
+    assert bench.session.reader.parser.skipped < 100
     assert bench.posed
 
 
@@ -250,7 +250,7 @@ def test_what_a_consumer_says_is_read_and_forgotten(bench: Bench) -> None:
     bench.port.far.write(b"hello?")
     bench.run(0.3)
     assert not bench.port.link.ready()
-    assert bench.session.parser.skipped == 0
+    assert bench.session.reader.parser.skipped == 0
 
 
 def test_a_lost_port_is_noticed_and_found_between_two_frames() -> None:

@@ -146,8 +146,8 @@ def test_the_end_of_the_strips_is_the_end_and_says_so(strategy: type[Scripted]) 
         position = position[0] + north * 0.5, position[1] + east * 0.5, -1.0
         assert now < 200
     assert (in_words(m.ended), m.broken, m.found) == ("no signal: all strips are flown", False, None)
-    assert m.path_m == pytest.approx(25, abs=3)
-    assert m.searched_s == pytest.approx(now - 100)
+    assert m.progress.path_m == pytest.approx(25, abs=3)
+    assert m.progress.searched_s == pytest.approx(now - 100)
     assert heard(m, at_s=now + 1, position=position) == STILL
 
 
@@ -354,14 +354,14 @@ def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scri
     assert (id_, other.nearest_m, other.nearest_at) == (2, 35.0, (2.0, 2.0))
     heard(m, beacon(2, 30), at_s=105.0, position=(4.0, 4.0, -1.0))  # on the way down
     assert m.others[2].nearest_m == 30.0
-    assert m.searched_s == pytest.approx(4.0)
+    assert m.progress.searched_s == pytest.approx(4.0)
 
 
 def test_frames_that_hear_nothing_are_no_signal(strategy: type[Scripted]) -> None:
     m = mission(strategy)
     nothing = [Channel(), Channel(4, MID, 0, 0), Channel(5, MID, -1, -1), Channel(6, MID, -500, 10)]
     heard(m, *nothing, at_s=101.0)
-    assert (m.choice.target, m.choice.heard, m.frames) == (None, {}, 1)
+    assert (m.choice.target, m.choice.heard, m.progress.frames) == (None, {}, 1)
 
 
 # -- frames stop -------------------------------------------------------------------------------------------
@@ -493,7 +493,7 @@ def test_it_ends_above_the_place_found_wherever_that_was_found_from(strategy: ty
     assert in_words(m.ended) == ""
     assert m.fly(104.0, (2.0, 2.5, -1.0))[:2] != STILL  # without a frame: it is known where to
     assert m.fly(105.5, (2.8, 3.7, -1.0))[:2] == STILL
-    assert (in_words(m.ended), m.searched_s) == (FOUND, 5.5)
+    assert (in_words(m.ended), m.progress.searched_s) == (FOUND, 5.5)
 
 
 @pytest.mark.usefixtures("believed")
@@ -558,7 +558,7 @@ def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Script
     assert m.ended
     assert math.dist(position[:2], (3.0, 4.0)) < 0.2
     assert -1.7 < position[2] < -1.5
-    assert m.searched_s == pytest.approx(1.0)
+    assert m.progress.searched_s == pytest.approx(1.0)
 
 
 def test_what_does_not_land_is_over_at_once(strategy: type[Scripted]) -> None:

@@ -81,7 +81,7 @@ class Bench:
         for p in packets:
             assert p.known
             assert decode(p) is not None
-            assert (p.system, p.component) == (session.encoder.system, session.component)
+            assert (p.system, p.component) == (session.encoder.system, session.encoder.component)
 
     def _interrupt(self) -> None:
         self._wire = b""
@@ -197,7 +197,7 @@ class Bench:
     def _check(self, *, thorough: bool) -> None:
         session, twin = self._sides
         assert session.reader.bytes == self._fed
-        held = self._fed - self._in_packets - session.parser.skipped
+        held = self._fed - self._in_packets - session.reader.parser.skipped
         assert 0 <= held < LONGEST_PACKET, f"{held} bytes held back"
         vehicle = session.vehicle
         if vehicle is None:

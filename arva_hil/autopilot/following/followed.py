@@ -37,21 +37,17 @@ class FollowedVehicle:
     ) -> None:
         self.name = name
         self.reader = reader = reader or PacketReader(signing)
-        self.parser = reader.parser
         self.target_system = target_system
         self.senders = Senders()
         self.encoder = Encoder(target_system or 1, component, signing=reader.signing)
-        self.component = component
         self.vehicle: Vehicle | None = None
         self._events: list[Event] = []  # since the last `receive` or `poll`
-        self._emit = self._events.append
-        self.navigation = Navigation(name, self._emit)
+        self.navigation = Navigation(name, self._events.append)
         self.ignored = 0  # packets of other systems and components, and of senders that only claim to be the vehicle
         self.rate_hz = rate_hz
         self.next_due = -math.inf
         self._finder = VehicleDiscovery(target_system, target_component)
         self._passive = passive
-        self._signing = reader.signing
         self._disbelieved: set[Verdict] = set()
         self._streams: Streams | None = None
         self._identity: Identity | None = None  # of the pinned vehicle
@@ -102,15 +98,15 @@ class FollowedVehicle:
     def answers_us(self, message: Any) -> bool:
         """Return True if a COMMAND_ACK is for us, or without an addressee, as older autopilots send it."""
         addressee = (message.target_system, message.target_component)
-        return addressee in ((self.encoder.system, self.component), (0, 0))
+        return addressee in ((self.encoder.system, self.encoder.component), (0, 0))
 
     def counts(self) -> dict[str, int]:
         """Return counters of what was received and not used."""
         return {
             "bytes_received": self.reader.bytes,
-            "packets_received": self.parser.packets,
-            "bad_checksums": self.parser.bad_crc,
-            "bytes_skipped": self.parser.skipped,
+            "packets_received": self.reader.parser.packets,
+            "bad_checksums": self.reader.parser.bad_crc,
+            "bytes_skipped": self.reader.parser.skipped,
             "packets_ignored": self.ignored,
             **self.disbelieved(),
             "positions_before_fix": self.navigation.unpositioned,
@@ -123,8 +119,8 @@ class FollowedVehicle:
         """Return counters of complete packets and values that were not used."""
         signatures = self.disbelieved_signatures() or {}
         return {
-            "packets_incompatible": self.parser.incompatible,
-            "packets_malformed": self.parser.malformed,
+            "packets_incompatible": self.reader.parser.incompatible,
+            "packets_malformed": self.reader.parser.malformed,
             **{f"packets_{why}": count for why, count in signatures.items()},
             "values_refused": self.navigation.refused,
             "stray_times": self.navigation.times.strays,
@@ -133,13 +129,16 @@ class FollowedVehicle:
 
     def disbelieved_signatures(self) -> dict[str, int] | None:
         """Return the number of packets refused for their signature, by reason; None without a key."""
-        return dict(self._signing.refused) if self._signing else None
+        return dict(self.reader.signing.refused) if self.reader.signing else None
 
     def why_no_vehicle(self) -> NoVehicle:
         """Return the traffic received, in words, if no vehicle was found."""
         if self._interrupted:
             return NoVehicle("link lost", self._interrupted)
-        packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
+        packets, refused = (
+            self.reader.parser.packets,
+            tuple(self.reader.signing.refused.items()) if self.reader.signing else (),
+        )
         if not packets:
             return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
         reason: NoVehicleReason = "no heartbeat"

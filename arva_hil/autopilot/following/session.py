@@ -111,9 +111,9 @@ class Session(FollowedVehicle):
         """Return the bytes to send now, our heartbeat and requests for streams; and the events. Sets `next_due`."""
         if now - self._last_heartbeat > _LOST_S and self.vehicle and not self.lost and not self._interrupted:
             self.lost = True
-            self._emit(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
-        if self._signing:
-            self._signing.advance(now)
+            self._events.append(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
+        if self.reader.signing:
+            self.reader.signing.advance(now)
         if self._passive:
             self.next_due = math.inf
             return b"", self._emitted() if self._events else ()
@@ -135,7 +135,7 @@ class Session(FollowedVehicle):
     def interrupt(self, why: str) -> None:
         """Handle a lost link: until `resume` nothing can be sent, and silence does not count."""
         self._interrupted = why
-        self.parser.cut()
+        self.reader.parser.cut()
         self.senders.release()
 
     def resume(self, now: float) -> None:
@@ -167,7 +167,7 @@ class Session(FollowedVehicle):
         if packet.refused not in self._disbelieved:
             self._disbelieved.add(packet.refused)
             about = packet.system, packet.component, packet.refused
-            self._emit(vehicles.SignatureRefused(now, self.name, *about))
+            self._events.append(vehicles.SignatureRefused(now, self.name, *about))
 
     def _discover(self, packet: Packet, now: float, sender: Hashable) -> bool:
         """Use a heartbeat, or any packet before the vehicle is known. Returns True if it is the vehicle's."""
@@ -199,7 +199,7 @@ class Session(FollowedVehicle):
     def _on_strangers(self, packets: Sequence[Packet], now: float) -> None:
         """Handle packets of other senders: they change nothing, but another autopilot is reported."""
         for packet in packets:
-            if packet.msgid != _HEARTBEAT or self._signing:
+            if packet.msgid != _HEARTBEAT or self.reader.signing:
                 continue
             message = decode(packet)
             if message is not None and (found := self._finder.vehicle(packet, message)):
@@ -210,18 +210,18 @@ class Session(FollowedVehicle):
         assert self.vehicle is not None
         same = self.vehicle.sent(packet)
         if (found or same) and self._finder.count(packet, "other"):
-            self._emit(vehicles.OtherAutopilotIgnored(now, self.name, packet.system, packet.component, same))
+            self._events.append(vehicles.OtherAutopilotIgnored(now, self.name, packet.system, packet.component, same))
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
         self.lost = False
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
-        self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._emit)
+        self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._events.append)
         self.next_due = self._last_heartbeat = now
-        self._emit(vehicles.VehicleFound(now, self.name, str(vehicle), vehicle.version, signed))
-        if signed and not self._signing and not self._passive:
-            self._emit(vehicles.SignaturesUnchecked(now, self.name))
+        self._events.append(vehicles.VehicleFound(now, self.name, str(vehicle), vehicle.version, signed))
+        if signed and not self.reader.signing and not self._passive:
+            self._events.append(vehicles.SignaturesUnchecked(now, self.name))
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
@@ -234,7 +234,7 @@ class Session(FollowedVehicle):
         if self.lost:
             self.lost = False
             self.navigation.home = None  # it may have been moved, or be another vehicle: request its home again
-            self._emit(vehicles.VehicleBack(now, self.name, str(self.vehicle)))
+            self._events.append(vehicles.VehicleBack(now, self.name, str(self.vehicle)))
 
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
@@ -242,8 +242,8 @@ class Session(FollowedVehicle):
             return
         judgement = self.navigation.on_message(message, now)
         if judgement == "anew":
-            self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._emit)
-            self._emit(vehicles.VehicleRebooted(now, self.name, str(self.vehicle)))
+            self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._events.append)
+            self._events.append(vehicles.VehicleRebooted(now, self.name, str(self.vehicle)))
         if judgement != "stray" and message.id != _HOME:
             self._streams.on_message(message.id, now)
 

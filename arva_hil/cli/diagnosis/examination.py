@@ -134,7 +134,7 @@ class AutopilotProbe:
         source.count += 1
 
     def traffic(self, now: float) -> Traffic:
-        session, parser = self.session, self.session.parser
+        session, parser = self.session, self.session.reader.parser
         counts = now - self.start, session.reader.bytes, parser.packets, self._old, self._signed, parser.bad_crc
         return Traffic(*counts, session.disbelieved_signatures())
 

@@ -81,6 +81,31 @@ class Hover:
         return because(Why.MOVES, speed=speed) if speed >= _STILL_M_S else None
 
 
+class ArmingDelay:
+    """The count-down before propellers turn [s]. Remembers when it ends, and the number to report next."""
+
+    def __init__(self, seconds: float, emit: Callable[[Event], None]) -> None:
+        self._seconds = seconds
+        self._emit = emit
+        self._end_s = math.inf
+        self._next_report = 0
+
+    def restart(self) -> None:
+        """Begin again at the next call of `is_over`."""
+        self._end_s = math.inf
+
+    def is_over(self, now: float, *, taken_over: bool) -> bool:
+        """Count down. Returns True at the end. `taken_over`: the vehicle flies already."""
+        if self._end_s == math.inf:
+            self._end_s = now + self._seconds
+            self._next_report = math.ceil(self._seconds)
+        left = self._end_s - now
+        if 0 < left <= self._next_report:
+            self._emit(CountDown(now, self._next_report, taken_over))
+            self._next_report = math.ceil(left) - 1
+        return left <= 0
+
+
 class Preflight:
     """Remembers what a search waits for, and since when.
 
@@ -113,23 +138,19 @@ class Preflight:
         self._plan = plan
         self._permission = permission
         self._hover = Hover(session) if plan.take_over else None
-        self._countdown_s = 0.0 if plan.dry_run else plan.countdown_s
-        self._arm_at = math.inf
-        self._next_report = 0
+        self._delay = ArmingDelay(0.0 if plan.dry_run else plan.countdown_s, emit)
         self._checked_s = start
         self._failsafes_reported = False
         self._alone = False  # True if no other program read the receiver at the first check
         self._waits_for: Lacking | None = None
-        self._mode: int | None = None  # of the vehicle, since the last gap
+        self._mode: int | None = None  # of the vehicle; None: no heartbeat came since the link was opened, or a gap
         self._taken = False  # True if another program has set the mode that follows set-points
         self._armed_since = math.inf
-        self._greeted = False  # whether a heartbeat came since the autopilot's link was opened
 
     def on_packets(self, received: Received) -> None:
         """Use what the session received."""
         for msgid, message in received.messages((_HEARTBEAT, _PARAMETER)):
             if msgid == _HEARTBEAT:
-                self._greeted = True
                 self._watch_mode(message)
             else:
                 self.failsafes.on_parameter(message)
@@ -145,15 +166,14 @@ class Preflight:
         """Return the requests to send now."""
         session = self._session
         out = self._permission.poll(now) if self._permission else b""
-        if session.vehicle and self._greeted and not session.lost:
+        if session.vehicle and self._mode is not None and not session.lost:
             out += b"".join(map(session.encoder.pack, self.failsafes.poll(now, session.vehicle)))
         return out
 
     def restart(self) -> None:
         """Wait for a heartbeat after a gap, and begin the count-down again."""
-        self._greeted = False
         self._mode = None
-        self._arm_at = math.inf
+        self._delay.restart()
         if self._permission:  # the vehicle may be another one
             self._permission.forget()
 
@@ -174,7 +194,7 @@ class Preflight:
         session = self._session
         if self._autopilot.away:
             return self._lack("link", now, "no link", lambda: because(Why.ERROR, text=self._autopilot.why))
-        if session.vehicle is None or not self._greeted:
+        if session.vehicle is None or self._mode is None:
             return self._lack(
                 "autopilot", now, "no link", lambda: because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle())
             )
@@ -190,7 +210,7 @@ class Preflight:
             return self._lack("frame", now, "no link", lambda: silence(now))
         if not self._has_pose(now):
             return self._lack("pose", now, "failed", lambda: because(Why.NO_POSE, lacking=session.why_no_pose()))
-        if self._hover and (moving := self._hover.why_not(now, -1 if self._mode is None else self._mode)):
+        if self._hover and (moving := self._hover.why_not(now, self._mode)):
             return self._lack("hover", now, "failed", lambda: because(Why.CANNOT_TAKE_OVER, because=moving))
         battery = self._battery.why(now)
         if battery is Why.BATTERY_LOW:
@@ -200,7 +220,7 @@ class Preflight:
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)
-        ready = self._count_down(now) if permitted is True else permitted
+        ready = self._delay.is_over(now, taken_over=self._hover is not None) if permitted is True else permitted
         if ready is True or not self._alone:  # again after a person was asked, because it may have changed
             self._alone = True
             if others := other_readers(self._receiver.name):
@@ -239,19 +259,8 @@ class Preflight:
             self._emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
         return None
 
-    def _count_down(self, now: float) -> bool:
-        """Count down before propellers turn. Returns whether it is over."""
-        if self._arm_at == math.inf:
-            self._arm_at = now + self._countdown_s
-            self._next_report = math.ceil(self._countdown_s)
-        left = self._arm_at - now
-        if left > 0 and left <= self._next_report:
-            self._emit(CountDown(now, self._next_report, self._hover is not None))
-            self._next_report = math.ceil(left) - 1
-        return left <= 0
-
     def _lack(self, what: Lacking, now: float, kind: Kind, why: Callable[[], Reason]) -> Refusal | bool:
-        self._arm_at = math.inf
+        self._delay.restart()
         if what != self._waits_for:
             self._waits_for = what
             self._emit(WaitingFor(now, what))

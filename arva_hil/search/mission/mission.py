@@ -38,12 +38,30 @@ _BELIEF_S: Final = 0.5  # between estimates that are reported
 _LONG_S: Final = 240.0  # leave a transmitter to the team after this time
 
 
+class Progress:
+    """The time, the way and the frames of a search."""
+
+    def __init__(self, start_s: float, position: Position) -> None:
+        self.searched_s = 0.0
+        self.path_m = 0.0  # horizontally
+        self.frames = 0
+        self._start_s = start_s
+        self._position = position
+
+    def move(self, time_s: float, position: Position, *, searching: bool) -> None:
+        """The vehicle is at a place. `searching`: the time counts."""
+        if searching:
+            self.searched_s = time_s - self._start_s
+        self.path_m += math.dist(position[:2], self._position[:2])
+        self._position = position
+
+
 class Mission:
     """The received transmitters and the state of the search.
 
     - `ended`: the reason of its end, None before. `broken`: it has ended early.
     - `sure`: the readings agree with the places found. `victims`: those of several.
-    - `start_s`: the end of the take-off.
+    - `progress`: since the end of the take-off, at `start_s`.
     - `land`: after the search it descends onto the place found, until `over`, when only landing or hovering is left.
     - `choice`: the transmitters received, and the one that it flies to.
     - `emit`: gets the events.
@@ -67,14 +85,11 @@ class Mission:
         worker: Worker | None = None,
     ) -> None:
         self.plan = plan
-        self.start_s = start_s
         self.ended: Reason | None = None
         self.broken = False
         self.found: Found | None = None  # it flies above this place, to end there or to record it
         self.sure = True
-        self.position = position  # the last one used
-        self.searched_s = self.path_m = 0.0
-        self.frames = 0
+        self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
         self._twice = False  # whether the strips are flown for the second time since the last place found
         self._pauses = Pauses(start_s, plan.patience_s, emit)
@@ -90,11 +105,10 @@ class Mission:
         self._emit = emit
         self._belief_s = -math.inf  # when an estimate may be reported next
         self._team = team
-        self._shares = team is not None or self.victims.several  # it expects more than one transmitter
 
     def on_frame(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
-        self.frames += 1
+        self.progress.frames += 1
         if not self._pauses.on_frame(frame, position, time_s):
             return
         every, heard = observations(frame, time_s, position, rotation, self._keeper.ground), []
@@ -121,10 +135,7 @@ class Mission:
         `position`: of the vehicle; `receiver`: of its receiver, if different; `height`: above the ground, if more is
         known than the position.
         """
-        if not self.ended:
-            self.searched_s = time_s - self.start_s
-        self.path_m += math.hypot(position[0] - self.position[0], position[1] - self.position[1])
-        self.position = position
+        self.progress.move(time_s, position, searching=not self.ended)
         if self.victims.several:
             self.victims.serve(time_s)
         height = height or Height(-position[2], False)
@@ -173,6 +184,11 @@ class Mission:
         return self._keeper.pace if self._descent is None else 1.0
 
     @property
+    def _shares(self) -> bool:
+        """True if more than one transmitter is expected."""
+        return self._team is not None or self.victims.several
+
+    @property
     def _lands(self) -> bool:
         # by set-points: onto a place found, and in a team anywhere, for others may be below
         return self._land and (self.found is not None or self._team is not None)
@@ -212,7 +228,7 @@ class Mission:
             return self._go_there(self.found, time_s, position)
         if no_frame := self._pauses.silent(time_s):
             return self._end(no_frame, broken=True)
-        if self.searched_s > self.plan.limit_s:
+        if self.progress.searched_s > self.plan.limit_s:
             return self._end(self.victims.not_all(Why.TIME_UP, len(self.others), limit_s=self.plan.limit_s))
         if self._pauses.waits(time_s):
             if stuck := self._pauses.stuck(time_s):
@@ -237,7 +253,7 @@ class Mission:
         return self._end_at_goal()
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
-        place, late = found.goal, self.searched_s > self.plan.limit_s
+        place, late = found.goal, self.progress.searched_s > self.plan.limit_s
         barred = self._team is not None and self._team.bars(place, position)
         if not (late or barred) and math.dist(position[:2], place) >= _THERE_M:
             return towards(position, place, self.plan.speed)
@@ -256,7 +272,7 @@ class Mission:
         assert target is not None
         if not victims.unreported:
             self._twice = False
-            victims.add(Victim(target, found, self.sure, self.searched_s), self._dipole, time_s)
+            victims.add(Victim(target, found, self.sure, self.progress.searched_s), self._dipole, time_s)
         if victims.settling and not late:
             return STILL
         if target == NO_ID:

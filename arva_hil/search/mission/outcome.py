@@ -97,5 +97,6 @@ def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tup
     if origin is not None:
         take_off = lla(origin, 0.0, 0.0, 0.0)
         lat_lon = None if found is None else lla(origin, found.north, found.east, found.down or 0.0)[:2]
-    flown, others = (mission.searched_s, mission.path_m, mission.frames), tuple(mission.others.items())
+    done, others = mission.progress, tuple(mission.others.items())
+    flown = done.searched_s, done.path_m, done.frames
     return Outcome(kind, how, id_, found, lat_lon, take_off, *flown, others, victims, mission.plan.victims)
