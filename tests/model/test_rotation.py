@@ -30,13 +30,6 @@ def test_matrices_agree_with_scipy() -> None:
     np.testing.assert_allclose(to_matrix(q), scipy_of(q).as_matrix(), rtol=0, atol=1e-14)
 
 
-def test_the_tilt_alone_is_the_one_of_the_matrix() -> None:
-    for q in quaternions(2, 50).tolist():
-        assert quaternion.upright(*q) == quaternion.matrix(*q)[2][2]
-    with pytest.raises(ValueError, match="no rotation"):
-        quaternion.upright(0.0, 0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize("aside", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.3)])
 def test_the_place_of_a_mount_is_the_one_of_its_pose(aside: tuple[float, float, float]) -> None:
     mount = Mount(aside, (0.0, 1.0, 0.0, 0.0))

@@ -59,23 +59,11 @@ def _sinc(x: float) -> float:
 
 def matrix(w: float, x: float, y: float, z: float) -> tuple[Row, Row, Row]:
     """Return the rotation matrix, body → world, of a quaternion of any length but 0. Raises ValueError for that."""
-    length = _length(w, x, y, z)
-    first, second, third = rows(w / length, x / length, y / length, z / length)
-    return first, second, third
-
-
-def upright(w: float, x: float, y: float, z: float) -> float:
-    """Return the cosine of the tilt: the last number of the `matrix`."""
-    length = _length(w, x, y, z)
-    x, y = x / length, y / length
-    return 1 - 2 * (x * x + y * y)
-
-
-def _length(w: float, x: float, y: float, z: float) -> float:
     length = math.sqrt(w * w + x * x + y * y + z * z)
     if not 0 < length < math.inf:
         raise ValueError(NO_ROTATION)
-    return length
+    first, second, third = rows(w / length, x / length, y / length, z / length)
+    return first, second, third
 
 
 def rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:

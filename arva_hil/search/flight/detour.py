@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
 
 from arva_hil.events import Event
@@ -95,7 +95,7 @@ class SetPointCheck:
             window.popleft()
         if not _is_enough(list(window)):
             return None
-        seconds, squared = sum(s.seconds for s in window), sum(s.squared for s in window)
+        seconds, squared = _totals(window)
         by_velocity, by_position = (sum(values) / squared for values in zip(*(s.products for s in window), strict=True))
         speed = math.sqrt(squared / seconds)
         scale = min(1.0, 1.0 / speed)
@@ -107,7 +107,17 @@ class SetPointCheck:
 
 
 def _is_enough(window: list[_Sample]) -> bool:
-    return sum(s.seconds for s in window) >= _WINDOW_S - 1e-6 and sum(s.squared for s in window) >= _LEAST
+    seconds, squared = _totals(window)
+    return seconds >= _WINDOW_S - 1e-6 and squared >= _LEAST
+
+
+def _totals(window: Iterable[_Sample]) -> tuple[float, float]:
+    """Return the length of a window [s], and the sum of the squared commands [m²/s]."""
+    seconds = squared = 0.0
+    for sample in window:
+        seconds += sample.seconds
+        squared += sample.squared
+    return seconds, squared
 
 
 class Detour:

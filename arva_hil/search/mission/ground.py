@@ -20,7 +20,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import HeightOrigin, HeightSource, SensorsDisagree
-from arva_hil.model.field.quaternion import upright
+from arva_hil.model.field.quaternion import matrix
 from arva_hil.search.mission.height_sensors import FRESH_S, HeightSensors, Survey
 from arva_hil.search.mission.range_check import Odometry, RangeCheck
 from arva_hil.search.strategies.plan import SearchPlan
@@ -181,7 +181,7 @@ class Ground:
         sure = [name for name in altitudes if name != "GPS"]
         if motion.time_s == self._start.time_s and "barometer" in sure and not self._plan.take_over:
             self._range.begin(self._start, motion.climbed - max(altitudes[name] for name in sure))
-        level, distance = upright(*state.attitude), self._sensors.distance(motion.time_s)
+        level, distance = matrix(*state.attitude)[2][2], self._sensors.distance(motion.time_s)
         if distance is None or level < _LEVEL:
             self._checked = None
             return None

@@ -91,13 +91,14 @@ class RangeCheck:
         self._offset = min(max(self._offset, 0.0), self._offset + _FORGET * (motion.flown - self._flown))
         self._flown = motion.flown
 
-        def excess(before: tuple[Odometry, float]) -> float:
-            known = motion.time_s - before[0].time_s <= _SILENT_S
-            aside = math.dist(motion.place, before[0].place) if known else 0.0
-            return abs(before[1] - ground) - _STEEPEST * aside - self._tolerance
-
-        if past and excess(worst := max(past, key=excess)) > 0:
-            step = worst[1] - ground
+        most = step = 0.0
+        for before, was in past:
+            known = motion.time_s - before.time_s <= _SILENT_S
+            aside = math.dist(motion.place, before.place) if known else 0.0
+            excess = abs(was - ground) - _STEEPEST * aside - self._tolerance
+            if excess > most:
+                most, step = excess, was - ground
+        if most > 0:
             self._offset += step
             lasts = motion.speed < _AT_REST_M_S and abs(self._offset) > 2 * self._tolerance
             self._contradict(motion, metres, metres - step, lasts=lasts)
