@@ -18,6 +18,7 @@ PROGRAMS = {
     "figures pages": "tools.page_pictures",
     "figures demo": "tools.demo_picture",
     "figures film": "tools.demo_film",
+    "real fits": "tools.real.round_trips",
     "fuzz python": "tools.fuzz.python",
     "fuzz c": "tools.fuzz.c",
     "fuzz frames": "tools.compare_decoders",

@@ -69,6 +69,7 @@ COMMANDS: Final = {
     "record": "record a real receiver beside a real autopilot",
     "decode": "decode the bytes of such a record once more",
     "compare": "compare a record with the emulator, or two records",
+    "fit": "estimate a receiver's profile from records",
     "report": "write a page about a record, or about two side by side",
     "plot": "draw a record or a campaign",
     "export": "write a record for maps, spreadsheets and other programs",

@@ -76,6 +76,29 @@ def compare(parser: CommandParser) -> None:
     parser.option("--json", "print a JSON object for each transmitter")
 
 
+def fit(parser: CommandParser) -> None:
+    """Estimate a receiver's profile from records of flights around a transmitter, each value with its 95 % interval.
+
+    The profile has display law, noise and mount. Transmitters and latency are printed, and go into --scenario-out.
+    Outliers count little. What the flights cannot tell is named, with the next pass to fly. If the model does not fit,
+    the command says why, and exits with 1. Needs scipy: pip install 'arva-hil[fit]'.
+    """
+    parser.add_argument("records", nargs="+", metavar="RECORD", help="folder of a record")
+    models = ("paper", "pulsed", "rssi")
+    parser.option(
+        "--model NAME",
+        f"receiver model: {', '.join(models)}; default paper",
+        environment=False,
+        default="paper",
+        choices=models,
+    )
+    parser.option("--out PROFILE.yaml", "profile to write", environment=False)
+    parser.option("--scenario-out FILE", "also write a scenario with the transmitters", environment=False)
+    parser.option("--gps-sigma M", "standard deviation of the reported position on each axis", number(0, 20), 1.5)
+    parser.option("--gps-tau S", "correlation time of its error", number(1, 10_000, " of s"), 60.0)
+    parser.option("--json", "print a JSON object")
+
+
 def view(parser: CommandParser) -> None:
     """Open a record as a page in a browser: the same page as --web, with a slider for the time.
 

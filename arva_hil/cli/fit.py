@@ -1,0 +1,59 @@
+"""`arva-hil fit`: estimates a receiver's profile from records, with uncertainties."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
+from arva_hil.cli.recorded import loaded, needing, write
+from arva_hil.cli.terminal import show, show_json, tell
+from arva_hil.records.fitting import FitError, ReceiverFit, flight_of
+from arva_hil.records.fitting.scatter import Gps
+
+
+def main(options: argparse.Namespace) -> int:
+    if not options.out:
+        raise UsageError("--out is missing: name the profile to write, e.g. --out my_receiver.yaml")
+    with needing("fit", "fit"):
+        import scipy  # noqa: F401 (before seconds of reading)
+
+        from arva_hil.records.fitting import profile
+        from arva_hil.records.fitting.fit import fit
+    records = [loaded(name) for name in options.records]
+    try:
+        flights = [flight_of(record) for record in records]
+        found = fit(flights, options.model, Gps(options.gps_sigma, options.gps_tau))
+    except FitError as error:
+        raise Failure(FAILED, error) from None
+    out = Path(options.out)
+    write(
+        out, profile.profile(found, [record.run.started if record.run else "" for record in records]).encode(), *records
+    )
+    if options.scenario_out:
+        write(Path(options.scenario_out), profile.scenario(found, out.name).encode(), *records)
+    if options.json:
+        show_json(found.as_json())
+    else:
+        for line in lines(found):
+            show(line)
+    for doubt in found.doubts:
+        tell(f"warning: {doubt}")
+    return FAILED if found.doubts else OK
+
+
+def lines(found: ReceiverFit) -> list[str]:
+    """The estimates for a person."""
+    turn = "" if found.delta_scatter_deg is None else f", δ {found.delta_scatter_deg:.1f}°"
+    said = [
+        f"{found.readings} readings, {found.outliers} outliers; residuals: d {100 * found.d_scatter:.1f} %{turn}",
+        f"{'':22}{'value':>10}{'95 % interval':>24}",
+    ]
+    for one in found.estimates.values():
+        unit = f" {one.unit}" if one.unit else ""
+        interval = f"{one.low:.4g} … {one.high:.4g}{unit}"
+        like = f" apart from {one.like}" if one.like else ""
+        told = "" if one.identified else f"  not told{like}"
+        said.append(f"{one.name:22}{one.value:>10.4g}{interval:>24}{told}")
+    said.append("kappa_eq is that of a transmitter of strength 1: the flight tells only their ratio")
+    return [*said, *found.advice]

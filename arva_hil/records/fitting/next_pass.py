@@ -1,0 +1,109 @@
+"""Advice: the parameters that the flights do not tell, and the pass that would tell most of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from arva_hil.model.field import rotation
+from arva_hil.records.fitting.estimation import Estimation, Part
+from arva_hil.records.fitting.flight import Floats, RecordedFlight, with_near_signs
+from arva_hil.records.fitting.result import ReceiverFit
+from arva_hil.records.fitting.scatter import covariance
+
+_LENGTH_S: Final = 60.0
+_WORTH: Final = 0.8  # of the uncertainty: a pass that leaves more is not worth its time
+
+Path = Callable[[Floats], tuple[Floats, Floats]]
+"""Time (T,) → offsets from the transmitter (T, 3) NED [m], heading (T,) [rad]."""
+
+
+def _pass(heading: float, height: float, aside: float) -> Path:
+    def at(t: Floats) -> tuple[Floats, Floats]:
+        along = -20 + 40 * np.abs((t / _LENGTH_S * 2) % 2 - 1)
+        turn = np.where(t < _LENGTH_S / 2, heading, heading + math.pi)
+        cos, sin = math.cos(heading), math.sin(heading)
+        place = np.stack([along * cos - aside * sin, along * sin + aside * cos, np.full(len(t), -height)], axis=1)
+        return place, turn
+
+    return at
+
+
+def _turn(t: Floats) -> tuple[Floats, Floats]:
+    return np.tile([7.0, 3.0, -4.0], (len(t), 1)), 2 * math.pi * t / _LENGTH_S
+
+
+def _climb(t: Floats) -> tuple[Floats, Floats]:
+    return np.stack([np.full(len(t), 5.0), np.full(len(t), 3.0), -3 - 12 * t / _LENGTH_S], axis=1), 0.3 + 0 * t
+
+
+_PASSES: Final[dict[str, Path]] = {
+    "a pass each way, to the north and back, 4 m above the transmitter": _pass(0.0, 4.0, 0.0),
+    "a pass each way, to the east and back, 4 m above the transmitter": _pass(math.pi / 2, 4.0, 0.0),
+    "a pass each way, to the north-east and back, 10 m above the transmitter": _pass(math.pi / 4, 10.0, 5.0),
+    "a slow turn on the spot, 7 m beside the transmitter": _turn,
+    "a slow climb from 3 to 15 m, 6 m beside the transmitter": _climb,
+}
+
+
+def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
+    """Sentences for a person: what is not told, and the next pass; empty if all is told."""
+    open_ = [
+        (n, parameter) for n, parameter in enumerate(problem.parameters) if not fit.estimates[parameter.name].identified
+    ]
+    if not open_:
+        return []
+    said = []
+    for _, parameter in open_:
+        estimate = fit.estimates[parameter.name]
+        like = f", not from {estimate.like}" if estimate.like else ""
+        said.append(
+            f"the flight does not tell {parameter.name}{like}: "
+            f"{estimate.low:.2g} … {estimate.high:.2g} {parameter.unit}".rstrip()
+        )
+    before = np.sqrt(np.diag(fit.covariance))
+    best: tuple[float, str, list[str]] | None = None
+    for name, path in _PASSES.items():
+        after = np.sqrt(np.diag(np.linalg.inv(problem.information + _information(problem, path))))
+        shares = [float(after[n] / before[n]) for n, _ in open_]
+        told = [p.name for (_, p), share in zip(open_, shares, strict=True) if share < _WORTH]
+        if best is None or sum(shares) < best[0]:
+            best = (sum(shares), name, told)
+    if best and best[2]:
+        said.append(f"next: fly {best[1]}, which tells more of {', '.join(best[2])}")
+    return said
+
+
+def _information(problem: Estimation, path: Path) -> Floats:
+    """The information of a minute on a path around the first transmitter, one reading a second."""
+    names = [parameter.name for parameter in problem.parameters]
+    first = names.index(f"{problem.names[0]} north")
+    place = problem.theta[first : first + 3]
+    t = np.arange(0.0, _LENGTH_S, 1.0)
+    fine = np.arange(-5.0, _LENGTH_S + 5.0, 0.5)
+    offset, heading = path(np.clip(fine, 0, _LENGTH_S))
+    attitude = np.stack([rotation.from_euler(0.0, 0.0, float(one)) for one in np.unwrap(heading)])
+    model = problem.flights[0]
+    planned: RecordedFlight = replace(
+        model,
+        time_s=t,
+        who=np.zeros(len(t), np.intp),
+        d_m=np.full(len(t), 10.0),
+        delta=np.zeros(len(t)),
+        inner=np.zeros(len(t), bool),
+        track_s=fine,
+        track=place + offset,
+        attitude=with_near_signs(attitude),
+    )
+    predicted = problem.predictor.predict(planned, problem.theta)
+    planned = replace(planned, d_m=np.exp(predicted.log_d), delta=predicted.delta)
+    part = Part(planned, np.ones(len(t)))
+    now, linear = problem.linear(part, problem.theta)
+    matrix = covariance(planned, now, linear, problem.scatter, problem.gps, part.bad)
+    jacobian = problem.jacobian(part, problem.theta, linear)
+    information: Floats = jacobian.T @ np.linalg.solve(matrix, jacobian)
+    return information

@@ -1,0 +1,86 @@
+"""The parameters of a fit: their names, units, what is known before, and what is known after."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from arva_hil.records.fitting.flight import Floats, RecordedFlight
+from arva_hil.records.reading.receivers import NO_ID
+
+TOLD: Final = 0.4  # of the uncertainty before: a parameter with less afterwards is identified
+Z_95: Final = 1.96
+
+
+class Parameter(NamedTuple):
+    """One parameter. `name`: its key; `mean`, `sigma`: before the flight, in the unit of the fit.
+
+    `unit`: for a person. `scale`: from the unit of the fit to that unit. `logarithm`: the fit has its logarithm.
+    """
+
+    name: str
+    mean: float
+    sigma: float
+    unit: str = ""
+    scale: float = 1.0
+    logarithm: bool = False
+
+
+@dataclass(frozen=True)
+class FittedValue:
+    """A parameter after the fit, in its unit: the value, and the limits of its 95 % interval.
+
+    `identified`: the flight tells it. If not, `like` names the parameter that it cannot be told from, "" for none, and
+    the value is little more than what was assumed.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    identified: bool
+    like: str = ""
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.name} {self.value:.4g}{unit} ({self.low:.4g} … {self.high:.4g})"
+
+
+def name_of(id_: int) -> str:
+    """The name of a transmitter in the names of its parameters."""
+    return "transmitter" if id_ == NO_ID else f"transmitter {id_}"
+
+
+def receiver_parameters(model: str) -> list[Parameter]:
+    """Those of the receiver."""
+    degrees = 180 / math.pi
+    every = [
+        Parameter("kappa_eq", math.log(1.542), 1.0, logarithm=True),
+        Parameter("latency", 0.3, 1.5, "s"),
+        Parameter("mount yaw", 0.0, 1.8, "°", degrees),
+        Parameter("mount x", 0.0, 0.7, "m"),
+        Parameter("mount y", 0.0, 0.7, "m"),
+        Parameter("mount z", 0.0, 0.7, "m"),
+    ]
+    if model == "pulsed":
+        every.append(Parameter("gain y / x", 0.0, 0.4, logarithm=True))
+    return every
+
+
+def transmitter_parameters(flights: list[RecordedFlight], id_: int, start: Floats, *, first: bool) -> list[Parameter]:
+    """Those of one transmitter. `start`: its place, yaw and pitch from the search for a start."""
+    degrees, name = 180 / math.pi, name_of(id_)
+    surveyed = next((flight.places[id_] for flight in flights if id_ in flight.places), None)
+    place, sigma = (start[:3], 30.0) if surveyed is None else (surveyed, 0.3)
+    every = [
+        Parameter(f"{name} north", float(place[0]), sigma, "m"),
+        Parameter(f"{name} east", float(place[1]), sigma, "m"),
+        Parameter(f"{name} down", float(place[2]), min(sigma, 5.0), "m"),
+        Parameter(f"{name} yaw", float(start[3]), 1.8, "°", degrees),
+        Parameter(f"{name} pitch", 0.0, 1.5, "°", degrees),
+    ]
+    if not first:
+        every.append(Parameter(f"{name} strength", 0.0, 0.5, logarithm=True))
+    return every

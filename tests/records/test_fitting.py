@@ -1,0 +1,149 @@
+"""Fits: the truth that was rehearsed lies in the intervals; what a flight cannot tell, and what is wrong, is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arva_hil.config import Scenario, Transmitter
+from arva_hil.config.profiles import parse_profile
+from arva_hil.model.field import LocalFrame
+from arva_hil.records.fitting import FitError, ReceiverFit, flight_of
+from arva_hil.records.fitting.fit import fit
+from arva_hil.records.fitting.profile import profile, scenario
+from arva_hil.records.fitting.scatter import Gps
+from arva_hil.records.reading import load
+from arva_hil.records.received import Surveyed
+from tests.once import once
+from tools.real.profiles import drawn
+from tools.real.rehearsal import HOME, Waypoint, mission, rehearse
+
+GPS = Gps(1.5, 60.0)
+EXACT = Gps(0.05, 60.0)
+SHORT = mission(20.0, 5.0, 4.0)[:15]
+
+
+def fitted(folder: Path, gps: Gps, model: str = "paper") -> ReceiverFit:
+    return fit([flight_of(load(folder))], model, gps)
+
+
+def misses(found: ReceiverFit, truth: dict[str, float]) -> dict[str, float]:
+    """How far the truth is from each estimate, in half widths of its interval."""
+    far = {}
+    for name, true in truth.items():
+        one = found.estimates.get(name)
+        if one is None or not one.identified:
+            continue
+        off = true - one.value
+        off = (off + 90) % 180 - 90 if name.endswith("yaw") else off
+        far[name] = abs(off) / ((one.high - one.low) / 2)
+    return far
+
+
+@pytest.fixture(scope="module")
+def exact(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Scenario, dict[str, float]]:
+    """A flight without an error of GPS."""
+    chosen, truth = drawn(1)
+    chosen = replace(chosen, navigation_error=None)
+    folder = once(
+        tmp_path_factory,
+        "fit-exact",
+        lambda made: rehearse(made / "r", chosen, SHORT, latency_s=truth["latency"], wind=0.0),
+    )
+    return folder / "r", chosen, truth
+
+
+@pytest.fixture(scope="module")
+def of_exact(exact: tuple[Path, Scenario, dict[str, float]]) -> ReceiverFit:
+    return fitted(exact[0], EXACT)
+
+
+def test_without_an_error_of_gps_each_parameter_is_found_closely(
+    exact: tuple[Path, Scenario, dict[str, float]], of_exact: ReceiverFit
+) -> None:
+    truth, get = exact[2], of_exact.estimates
+    assert get["kappa_eq"].value == pytest.approx(truth["kappa_eq"], rel=0.02)
+    assert get["latency"].value == pytest.approx(truth["latency"], abs=0.02)
+    assert get["mount yaw"].value == pytest.approx(truth["mount yaw"], abs=0.5)
+    assert get["transmitter 1 north"].value == pytest.approx(truth["transmitter 1 north"], abs=0.1)
+    assert get["transmitter 1 pitch"].value == pytest.approx(truth["transmitter 1 pitch"], abs=1.0)
+    assert get["floor_range_m"].value == pytest.approx(truth["floor_range_m"], rel=0.15)
+    assert of_exact.doubts == []
+
+
+def test_what_the_flight_cannot_tell_is_named_with_the_next_pass(of_exact: ReceiverFit) -> None:
+    names = [one.name for one in of_exact.unidentified]
+    assert "mount z" in names
+    assert "sensitivity z" in names
+    assert of_exact.estimates["mount z"].like == "transmitter 1 down"
+    assert any("does not tell mount z, not from transmitter 1 down" in one for one in of_exact.advice)
+
+
+def test_the_profile_and_the_scenario_can_be_read(
+    exact: tuple[Path, Scenario, dict[str, float]], of_exact: ReceiverFit, tmp_path: Path
+) -> None:
+    text = profile(of_exact, ["2027-01-01T00:00:00.000Z"])
+    assert "# record r, 2027-01-01" in text
+    assert "residuals of" in text
+    assert "not told by the flight" in text
+    parse_profile(text, "receiver", "p.yaml")
+    (tmp_path / "p.yaml").write_text(text)
+    (tmp_path / "s.yaml").write_text(scenario(of_exact, "p.yaml"))
+    from arva_hil.config import load as load_scenario
+
+    again = load_scenario(tmp_path / "s.yaml")
+    assert again.receiver.kappa_eq == pytest.approx(exact[2]["kappa_eq"], rel=0.02)
+    assert again.transmitters[0].ned == pytest.approx(exact[1].transmitters[0].ned, abs=1.5)
+
+
+def test_outliers_count_little(exact: tuple[Path, Scenario, dict[str, float]], of_exact: ReceiverFit) -> None:
+    flight = flight_of(load(exact[0]))
+    d_m = flight.d_m.copy()
+    d_m[5::12] *= 1.8
+    found = fit([replace(flight, d_m=d_m)], "paper", EXACT)
+    assert found.outliers >= 0.8 * len(d_m[5::12])
+    assert found.estimates["kappa_eq"].value == pytest.approx(of_exact.estimates["kappa_eq"].value, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_truth_lies_in_the_intervals_with_wind_noise_and_an_error_of_gps(seed: int, tmp_path: Path) -> None:
+    chosen, truth = drawn(seed)
+    found = fitted(rehearse(tmp_path / "r", chosen, SHORT, latency_s=truth["latency"], seed=seed), GPS)
+    far = misses(found, truth)
+    assert len(far) >= 8
+    assert np.mean([one <= 1 for one in far.values()]) >= 0.8, far
+    assert max(far.values()) < 2, far
+
+
+def test_a_receiver_of_pulses_is_no_receiver_of_the_paper(tmp_path: Path) -> None:
+    chosen, _ = drawn(4, "pulsed")
+    found = fitted(rehearse(tmp_path / "r", replace(chosen, navigation_error=None), SHORT), EXACT)
+    (doubt,) = found.doubts
+    assert "the model paper does not fit: d comes in steps of 1 m" in doubt
+    assert doubt.endswith("Try --model pulsed")
+    assert "# doubt: the model paper does not fit" in profile(found, [""])
+
+
+def test_a_surveyed_place_100_m_off_is_said(tmp_path: Path) -> None:
+    chosen, truth = drawn(5)
+    wrong = LocalFrame(*HOME).lla([truth["transmitter 1 north"] + 100, truth["transmitter 1 east"], 0.0])
+    place = Surveyed(1, *(float(value) for value in wrong))
+    folder = rehearse(tmp_path / "r", replace(chosen, navigation_error=None), SHORT, surveyed=[place])
+    found = fitted(folder, EXACT)
+    (doubt,) = [one for one in found.doubts if "surveyed place" in one]
+    assert 80 < float(doubt.split("about ")[1].split(" m")[0]) < 115
+
+
+def test_what_a_record_lacks_is_said(tmp_path: Path) -> None:
+    chosen, _ = drawn(1)
+    hover = [Waypoint(0, 10, 0, -4, 0), Waypoint(12, 12, 0, -4, 0)]
+    with pytest.raises(FitError, match=r"too short: 1[0-9] readings with a pose, at least 25 are needed"):
+        flight_of(load(rehearse(tmp_path / "short", chosen, hover)))
+    far = replace(chosen, transmitters=(Transmitter(id=1, ned=(900.0, 0.0, 0.0)),))
+    with pytest.raises(FitError, match="no frame contains a transmitter"):
+        flight_of(load(rehearse(tmp_path / "far", far, hover)))
+    with pytest.raises(FitError, match="no fit for the model 'morse'"):
+        fit([], "morse", GPS)
