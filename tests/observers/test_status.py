@@ -94,6 +94,19 @@ def test_in_a_pipe_it_is_one_line_with_everything() -> None:
     assert status_line(FLEET, named=True).count(" || ") == 2
 
 
+def test_in_a_pipe_a_fleet_is_a_table_of_one_line_for_each_receiver() -> None:
+    eight = StatusReport(9.0, [vehicle(f"drone-{n}", {"receiver": made(FAR, NEAR, NOTHING)}) for n in range(8)])
+    stream = io.StringIO()
+    printer = Printer(stream, named=True)
+    printer.observe(eight)
+    printer.close()
+    lines = stream.getvalue().splitlines()
+    assert len(lines) == 8
+    assert lines[0] == "drone-0/receiver  #2   inner    90 cm       +1 | pose 15 ms | 40 sent, 2 dropped"
+    assert max(map(len, lines)) <= 100
+    assert {line.index("|") for line in lines} == {lines[0].index("|")}
+
+
 # -- what is written over --------------------------------------------------------------------------------------
 
 

@@ -105,6 +105,19 @@ BETWEEN: Final = " | "
 _NAMES: Final = 3  # names take at most a third of the terminal's columns
 
 
+def status_lines(report: StatusReport, columns: int = 100) -> list[str]:
+    """Return one line of at most `columns` characters for each receiver, for a pipe.
+
+    It has the nearest transmitter, and the number of others received.
+    """
+    rows = list(_rows(report, in_columns=True))
+    width = max((len(name) for name, _, _ in rows), default=0)
+    return [
+        fit([f"{name:<{width}}  {first}" + (f" +{len(further)}" if further else "   "), *rest], columns)
+        for name, (first, *further), rest in rows
+    ]
+
+
 def status_line(report: StatusReport, *, named: bool = False) -> str:
     """Return the whole status in one line of any length."""
     rows = ((f"{name}: " if named else "", readings, rest) for name, readings, rest in _rows(report, in_columns=False))

@@ -14,7 +14,7 @@ from arva_hil.events.event_json import event_json
 from arva_hil.events.reasons import NoVehicle
 from arva_hil.events.words import text
 from arva_hil.events.words.sentences import sentence
-from arva_hil.events.words.text import BETWEEN, Notice, fit, status_line, status_table
+from arva_hil.events.words.text import BETWEEN, Notice, fit, status_line, status_lines, status_table
 from arva_hil.links import Link, LinkError
 from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.safe_text import columns_of, is_screen, one_line, wrapped
@@ -95,10 +95,11 @@ class Printer:
 
     def _show(self, report: StatusReport) -> None:
         table = partial(status_table, report, named=self._named)
-        self._display(report.time_s, table, partial(status_line, report, named=self._named))
+        line = (lambda: "\n".join(status_lines(report))) if self._named else partial(status_line, report)
+        self._display(report.time_s, table, line)
 
     def _display(self, time_s: float, table: Callable[[int, int], list[str]], line: Callable[[], str]) -> None:
-        """Print a table on a terminal, or a line if it is time for one. `table`: makes it for (columns, lines)."""
+        """Print a table on a terminal, or lines if it is time for them. `table`: makes it for (columns, lines)."""
         if self._live:
             columns, lines = _size(self._stream)
             over, self._shown = self._over(), table(columns - 1, max(1, lines - 2))
