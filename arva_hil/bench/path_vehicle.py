@@ -66,11 +66,11 @@ class PathVehicle:
         """Return the messages that are due until `now`, with the values of `now`."""
         if now < self.next_due:
             return b""
-        boot_ms, motion = round((now - self._boot_time) * 1e3), self.truth(now)
-        lat, lon, alt = self._home.lla_fast(motion.ned)
-        place = round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), round(-motion.ned[2] * 1e3)
-        speeds = (max(-32767, min(round(v * 100), 32767)) for v in motion.velocity)
-        yaw, messages = self._at(now)[2], []
+        boot_ms, messages = round((now - self._boot_time) * 1e3), []
+        ned, velocity, yaw = self._at(now)
+        lat, lon, alt = self._home.lla_fast(ned)
+        place = round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), round(-ned[2] * 1e3)
+        speeds = (max(-32767, min(round(v * 100), 32767)) for v in velocity)
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_S
             messages.append(_HEARTBEAT(*_KIND))
