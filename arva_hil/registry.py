@@ -119,16 +119,20 @@ class Registry:
             if error.name is not None and (module == error.name or module.startswith(error.name + ".")):
                 cure = "install it, or run this where the file is"
                 raise KindError(f"{self.what} {name!r}: there is no module {error.name}", cure) from None
-            raise KindError(f"{self.what} {name!r} cannot be imported ({_said(error)})", "mend it") from error
+            raise KindError(
+                f"{self.what} {name!r} cannot be imported ({_said(error)})", "fix the error and try again"
+            ) from error
         except (Exception, SystemExit) as error:
-            raise KindError(f"{self.what} {name!r} cannot be imported ({_said(error)})", "mend it") from error
+            raise KindError(
+                f"{self.what} {name!r} cannot be imported ({_said(error)})", "fix the error and try again"
+            ) from error
         for part in attribute.split("."):
             if not hasattr(thing, part):
                 near = nearest(part, dir(thing))
                 raise KindError(f"{self.what} {name!r}: {module} has no {part}", "write MODULE:CLASS", near)
             thing = getattr(thing, part)
         if why := self._unfit(thing):
-            raise KindError(f"{self.what} {name!r} {why}", "mend it")
+            raise KindError(f"{self.what} {name!r} {why}", "fix the error and try again")
         return thing
 
     def _unfit(self, thing: Any) -> str:
@@ -158,7 +162,7 @@ class Registry:
         return UnknownKindError(f"no {self.what} {name!r}", there, near)
 
     def _broken(self, name: str, package: str, why: str) -> KindError:
-        cure = f"mend that package, or uninstall it: pip uninstall {package.partition(' ')[0]}"
+        cure = f"update that package, or uninstall it: pip uninstall {package.partition(' ')[0]}"
         return KindError(f"{self.what} {name!r} of the package {package} {why}", cure)
 
 

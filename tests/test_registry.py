@@ -11,6 +11,7 @@ import pytest
 from arva_hil.errors import KindError
 from arva_hil.registry import FORMATS, RECEIVERS, STRATEGIES, Registry
 
+FIX = "fix the error and try again"
 REGISTRIES = [RECEIVERS, FORMATS, STRATEGIES]
 
 
@@ -53,10 +54,10 @@ def test_an_unknown_name_is_answered_with_the_nearest_and_all_there_are() -> Non
         ("no_such_module:Toy", "there is no module no_such_module: install it, or run this where the file is"),
         ("mine:Nothing", "mine has no Nothing: write MODULE:CLASS"),
         ("mine:Tou", "did you mean Toy?"),
-        ("mine:Broken", "'mine:Broken' lacks play: mend it"),
-        ("mine:Asked", "'mine:Asked' lacks play: mend it"),
-        ("raises:Toy", r"cannot be imported (RuntimeError: not today): mend it"),
-        ("needs:Toy", r"cannot be imported (ModuleNotFoundError: No module named 'no_such_thing'): mend it"),
+        ("mine:Broken", "'mine:Broken' lacks play: " + FIX),
+        ("mine:Asked", "'mine:Asked' lacks play: " + FIX),
+        ("raises:Toy", r"cannot be imported (RuntimeError: not today): " + FIX),
+        ("needs:Toy", "cannot be imported (ModuleNotFoundError: No module named 'no_such_thing'): " + FIX),
         ("exits:Toy", "cannot be imported (SystemExit: 5)"),
         ("half written", "no toy 'half written'"),
         ("mine:", "is no name of a class: write MODULE:CLASS"),

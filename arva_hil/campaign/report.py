@@ -98,4 +98,10 @@ def _cells(s: Summary) -> tuple[str, ...]:
 
 
 def _pair(pair: Pair | None, form: str) -> str:
-    return "–" if pair is None else f"{pair[0]:{form}} / {pair[1]:{form}}"
+    return "–" if pair is None else f"{_figure(pair[0], form)} / {_figure(pair[1], form)}"
+
+
+def _figure(value: float, form: str) -> str:
+    """Return a number of at least 0, never as 0.00."""
+    text = f"{value:{form}}"
+    return "<0.01" if text == "0.00" else text

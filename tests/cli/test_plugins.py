@@ -304,7 +304,7 @@ def test_a_package_that_cannot_be_used_is_named_with_the_cure(
     ran = arva(*command.format(log=LOG, scenario=file).split())
     assert ran.code == 2
     assert f"'bad' of the package broken 2.0 {how}" in ran.err
-    assert "mend that package, or uninstall it: pip uninstall broken" in ran.err
+    assert "update that package, or uninstall it: pip uninstall broken" in ran.err
     assert "Traceback" not in ran.err
 
 

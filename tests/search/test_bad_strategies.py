@@ -18,7 +18,7 @@ from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Inline
 from arva_hil.search.strategies.strategy import Observation, Position
 from tests.search.test_client import BOTH, VICTIM, GoTo, World, ardupilot
 
-CURE = "; mend it, and fly it in arva-hil demo first"
+CURE = "; fix the error, and fly it in arva-hil demo first"
 EXPECTED = "expected two finite numbers, m/s north and east"
 
 

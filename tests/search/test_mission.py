@@ -455,7 +455,7 @@ def test_a_strategy_that_fails_ends_the_search_and_not_the_flight(strategy: type
     setattr(strategy, where, property(fail) if where == "found" else fail)
     assert heard(m, beacon(1, 20), at_s=101.0) == STILL
     assert in_words(m.ended).startswith("the strategy has failed: LinAlgError('Singular matrix') (test_mission.py:")
-    assert in_words(m.ended).endswith("); mend it, and fly it in arva-hil demo first")
+    assert in_words(m.ended).endswith("); fix the error, and fly it in arva-hil demo first")
     assert m.broken
     assert heard(m, beacon(1, 20), at_s=102.0) == STILL
 

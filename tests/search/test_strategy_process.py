@@ -29,7 +29,7 @@ from arva_hil.search.strategies.strategy_process import StrategyProcess
 from firmware_proto import MID, Channel, Frame
 
 AT: Position = (3.0, 4.0, -1.0)
-CURE = "; mend it, and fly it in arva-hil demo first"
+CURE = "; fix the error, and fly it in arva-hil demo first"
 WITHIN_S = 20.0  # for an answer, on a computer that is busy
 
 

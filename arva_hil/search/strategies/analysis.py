@@ -30,7 +30,7 @@ _NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
 _LEAST, _NEWEST = 4, 20  # least and largest number of them; the least may be older
 _BESIDE_M: Final = 0.5  # least distance of them: nearer the field is no dipole's
 _MOST_HYPOTHESES: Final = 64  # of an estimate
-_CURE: Final = "mend it, and fly it in arva-hil demo first"
+_CURE: Final = "fix the error, and fly it in arva-hil demo first"
 _AT_A_TIME: Final = 32  # readings of the past that a new strategy gets in one batch
 
 
