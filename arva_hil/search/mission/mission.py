@@ -26,13 +26,14 @@ from arva_hil.search.mission.receiver_host import ReceiverHost
 from arva_hil.search.mission.victims import Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.guidance import Guidance
-from arva_hil.search.strategies.plan import FAR_M, SearchPlan
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategies.strips import Strips
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_strips import TeamStrips, strips_of
 from firmware_proto import Frame
 
+_FAR_M: Final = 100.0  # from area and take-off point: a farther place ends the search
 _THERE_M: Final = 0.5  # from the place found
 _BELIEF_S: Final = 0.5  # between estimates that are reported
 _LONG_S: Final = 240.0  # leave a transmitter to the team after this time
@@ -220,8 +221,8 @@ class Mission:
         self._use(self._guidance.exchange(time_s), time_s, position)
         if self.ended:
             return STILL
-        if self.plan.far(position):
-            return self._end(because(Why.TOO_FAR, metres=FAR_M), broken=True)
+        if self._is_far(position):
+            return self._end(because(Why.TOO_FAR, metres=_FAR_M), broken=True)
         if silent := self._guidance.silent(time_s):
             return self._end(because(Why.STRATEGY_FAILED, text=silent), broken=True)
         if self.found is not None:
@@ -251,6 +252,12 @@ class Mission:
             how = {"heard": bool(self.choice.heard), "twice": self._twice, "team": isinstance(self._strips, TeamStrips)}
             return self._end(self.victims.not_all(Why.STRIPS_FLOWN, len(self.others), **how))
         return self._end_at_goal()
+
+    def _is_far(self, position: Position) -> bool:
+        """Return True if a place is too far from the area and the take-off point."""
+        south, west, north, east = self.plan.area
+        inside = min(south, 0) - _FAR_M <= position[0] <= max(north, 0) + _FAR_M
+        return not (inside and min(west, 0) - _FAR_M <= position[1] <= max(east, 0) + _FAR_M)
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
         place, late = found.goal, self.progress.searched_s > self.plan.limit_s

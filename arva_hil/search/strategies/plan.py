@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
 
 from arva_hil.model.field.rotation import Mount
-from arva_hil.search.strategies.strategy import Position, Strategy
-
-FAR_M: Final = 100.0  # from area and take-off point: a farther place ends the search
+from arva_hil.search.strategies.strategy import Strategy
 
 
 @dataclass(frozen=True)
@@ -39,9 +36,3 @@ class SearchPlan:
     take_over: bool = False
     countdown_s: float = 0.0  # before it is armed
     dry_run: bool = False
-
-    def far(self, position: Position) -> bool:
-        """Return True if a place is too far from the area and the take-off point."""
-        south, west, north, east = self.area
-        inside = min(south, 0) - FAR_M <= position[0] <= max(north, 0) + FAR_M
-        return not (inside and min(west, 0) - FAR_M <= position[1] <= max(east, 0) + FAR_M)
