@@ -217,6 +217,22 @@ def test_a_record_at_any_time(start: Start, tab: Tab, record: Path) -> None:
         slider.fill(str(time_s))
         tab.shows("#clock", f"0:{int(time_s):02}")
         is_shown(tab, frame_at(rows, time_s))
+    tab.page.locator("#title").click()
+    tab.page.keyboard.press("ArrowLeft")
+    tab.shows("#clock", "0:19")
+    is_shown(tab, frame_at(rows, 19.0))
+    link = tab.page.url
+    assert "#t=19.0" in link
+    tab.page.locator("#events .when", has_text=re.compile(r"0:0\d")).last.click()
+    tab.shows("#clock", re.compile(r"0:0\d"))
+    tab.page.goto("about:blank")
+    tab.open(link)
+    tab.shows("#clock", "0:19")
+    is_shown(tab, frame_at(rows, 19.0))
+    tab.page.keyboard.press(" ")
+    tab.shows("#play", "Pause")
+    tab.page.keyboard.press(" ")
+    tab.shows("#play", "Play")
     tab.page.locator("#speed").select_option("20")
     tab.page.locator("#play").click()
     tab.shows("#play", "Play")  # at the end it stops

@@ -13,7 +13,7 @@ const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, ENDED_MS = 3000, PLOT_MS
 const $ = (id) => document.getElementById(id);
 const store = new Store(), player = new Player(() => poll());
 let field = { version: -1, transmitters: [] }, fieldAsked = 0, failures = 0, plotted = 0;
-let chosen = "", truth = true, newest = null, newestAt = 0, legend = "";
+let chosen = new URLSearchParams(location.hash.slice(1)).get("r") ?? "", truth = true, newest = null, newestAt = 0, legend = "";
 
 async function ask(name) {
   const answer = await fetch(name, { cache: "no-store", signal: AbortSignal.timeout(4000) });
@@ -86,7 +86,8 @@ function show() {
   hearTone(last, old);
   showChecks(checks(state, every, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
-  showEvents(store.events);
+  showEvents(store.events, player.span ? (time) => player.go(time) : null);
+  showLink(state);
   const search = mine(state);
   showSearch(search, shown, own(state.transmitters), state.team);
   const outcome = outcomeOf(state, shown ? (state.team.length ? state.transmitters : own(state.transmitters)) : []);
@@ -183,6 +184,13 @@ function showLegend(state, shown) {
   }));
 }
 
+// A link to what is shown: the time and the receiver.
+function showLink(state) {
+  const parts = new URLSearchParams({ ...(player.span && !player.playing && state.at !== undefined ? { t: state.at.toFixed(2) } : {}), ...(store.keys.length > 1 ? { r: chosen } : {}) });
+  const hash = parts.size ? `#${parts}` : "";
+  if (!player.playing && location.hash !== hash) history.replaceState(null, "", hash || location.pathname);
+}
+
 function showBanner() {
   const ended = store.state?.ended;
   const words = ended ? ($("outcome").hidden ? `The run is over: ${ended}` : "") : failures >= 2 ? "No connection: the program has ended, or the network is away. What you see is old." : "";
@@ -214,7 +222,10 @@ function setFull(on) {
 $("full").addEventListener("click", () => setFull($("full").textContent === "Large"));
 document.addEventListener("fullscreenchange", () => { if (!document.fullscreenElement && $("full").textContent === "Close") setFull(false); });
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select")) return;
+  if (event.key === " " && !event.target.matches("button, summary, a, [role=button]") && player.span) { player.play(!player.playing); event.preventDefault(); return; }
+  const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (step && player.span && event.target.id !== "map") { player.go(player.at + step * period(points())); event.preventDefault(); return; }
   if (event.key === "r" || event.key === "R") $("full").click();
   else if (event.key === "t" || event.key === "T") $("sound").click();
   else if (event.key === "Escape" && $("full").textContent === "Close") setFull(false);

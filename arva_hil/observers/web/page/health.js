@@ -74,12 +74,20 @@ export function showCounters(state) {
   $("counters").replaceChildren(...rows.flatMap(([name, count]) => [el("dt", {}, name.replaceAll("_", " ")), el("dd", {}, String(count))]));
 }
 
-export function showEvents(events) {
+// The time of an event; in a record a button that shows it.
+function timeOf(time, go) {
+  if (!go) return el("time", {}, clock(time));
+  const button = el("button", { type: "button", class: "when", title: "Show this time" }, clock(time));
+  button.addEventListener("click", () => go(time));
+  return button;
+}
+
+export function showEvents(events, go) {
   const key = `${events.length} ${events.at(-1)?.join() ?? ""}`;
   if (key === shownEvents) return;
   shownEvents = key;
   $("events").replaceChildren(...events.toReversed().map(([time, level, words]) => el("li", { "data-level": LEVELS[level] ?? "info" },
-    el("time", {}, clock(time)), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, words))));
+    timeOf(time, go), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, words))));
 }
 
 

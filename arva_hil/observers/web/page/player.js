@@ -8,12 +8,22 @@ export class Player {
   constructor(changed) {
     this.changed = changed;
     this.span = null;
-    this.at = null;
+    const wanted = Number.parseFloat(new URLSearchParams(location.hash.slice(1)).get("t"));
+    this.at = Number.isFinite(wanted) ? wanted : null; // of a link
     this.asked = null;
     this.playing = false;
     this.before = 0;
     $("slider").addEventListener("input", () => { this.at = Number($("slider").value); this.show(); this.changed(); });
     $("play").addEventListener("click", () => this.play(!this.playing));
+  }
+
+  // Shows another time, seconds.
+  go(at) {
+    if (!this.span) return;
+    if (this.playing) this.play(false);
+    this.at = Math.min(this.span[1], Math.max(this.span[0], at));
+    this.show();
+    this.changed();
   }
 
   play(on) {
@@ -51,7 +61,7 @@ export class Player {
   }
 
   show() {
-    if (document.activeElement !== $("slider") || this.playing) $("slider").value = this.at;
+    $("slider").value = this.at;
     $("slider").setAttribute("aria-valuetext", clock(this.at));
     $("at").textContent = `${clock(this.at)} of ${clock(this.span[1])}`;
   }
