@@ -91,7 +91,7 @@ def fly(binary: Path, folder: Path, seed: int, slope: float, rangefinder: bool) 
         how = text(ENDS) or "no end"
         places = [place for place in simulator.places if begun <= place.time_s <= ended]
         error, lowest = math.nan, min(simulator.heights(places))
-        if found := re.search(r"found \d+ (\S+) (\S+)", how):
+        if found := re.search(r"found \d+ at (\S+) (\S+)", how):
             lat, lon = map(float, found.groups())
             there = LocalFrame(*HOME).ned_of(lat, lon, HOME[2])
             error = math.dist(there[:2], (north, east))
