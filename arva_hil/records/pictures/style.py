@@ -59,6 +59,9 @@ _PAPER: Final = {
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
     "legend.fontsize": 8,
+    "legend.handlelength": 1.3,
+    "legend.handletextpad": 0.5,
+    "legend.columnspacing": 1.0,
     "axes.edgecolor": "black",
     "pdf.fonttype": 42,  # TrueType: IEEE refuses Type 3
 }

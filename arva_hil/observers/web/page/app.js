@@ -31,7 +31,9 @@ async function poll() {
   try {
     const before = store.version, state = await ask(`state.json?since=${before}${player.query()}`);
     failures = 0;
-    if (!store.take(state)) store.version = 0;
+    const taken = store.take(state);
+    player.take(state); // first, so that the events can be clicked
+    if (!taken) store.version = 0;
     else if (state.version !== before || !plotted) show();
     if (state.field !== field.version && state.field !== fieldAsked) {
       fieldAsked = state.field;
@@ -39,7 +41,6 @@ async function poll() {
       show();
     }
     if (stale() || !plotted) show();
-    player.take(state);
     if (state.ended) pause = ENDED_MS; // the next run may be at the same address
     document.documentElement.dataset.ready = "true";
   } catch {
