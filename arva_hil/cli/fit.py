@@ -53,7 +53,7 @@ def lines(found: ReceiverFit) -> list[str]:
         unit = f" {one.unit}" if one.unit else ""
         interval = f"{one.low:.4g} … {one.high:.4g}{unit}"
         like = f" apart from {one.like}" if one.like else ""
-        told = "" if one.identified else f"  not told{like}"
+        told = "" if one.identified else f"  unknown{like}"
         said.append(f"{one.name:22}{one.value:>10.4g}{interval:>24}{told}")
-    said.append("kappa_eq is that of a transmitter of strength 1: the flight tells only their ratio")
+    said.append("kappa_eq is that of a transmitter of strength 1: the flight gives only their ratio")
     return [*said, *found.advice]

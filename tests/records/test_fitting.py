@@ -79,7 +79,7 @@ def test_what_the_flight_cannot_tell_is_named_with_the_next_pass(of_exact: Recei
     assert "mount z" in names
     assert "sensitivity z" in names
     assert of_exact.estimates["mount z"].like == "transmitter 1 down"
-    assert any("does not tell mount z, not from transmitter 1 down" in one for one in of_exact.advice)
+    assert any("does not determine mount z, not from transmitter 1 down" in one for one in of_exact.advice)
 
 
 def test_the_profile_and_the_scenario_can_be_read(
@@ -88,7 +88,7 @@ def test_the_profile_and_the_scenario_can_be_read(
     text = profile(of_exact, ["2027-01-01T00:00:00.000Z"])
     assert "# record r, 2027-01-01" in text
     assert "residuals of" in text
-    assert "not told by the flight" in text
+    assert "not determined by the flight" in text
     parse_profile(text, "receiver", "p.yaml")
     (tmp_path / "p.yaml").write_text(text)
     (tmp_path / "s.yaml").write_text(scenario(of_exact, "p.yaml"))

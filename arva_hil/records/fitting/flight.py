@@ -112,7 +112,7 @@ def flight_of(recording: Recording) -> RecordedFlight:
         raise FitError(f"{recording.folder}: frames without poses: the autopilot's packets do not cover the readings")
     if len(time_s) < LEAST:
         found = f"{len(time_s)} readings with a pose, at least {LEAST} are needed"
-        raise FitError(f"{recording.folder}: too short: {found}; fly a pass each way, a minute at 1 Hz")
+        raise FitError(f"{recording.folder}: too short: {found}; fly a pass in each direction, a minute at 1 Hz")
     order = np.argsort(time_s, kind="stable")
     heard = receiver.nearest_zone > 0
     lost = heard.any() and not heard[np.isfinite(receiver.position).all(axis=1)].all()

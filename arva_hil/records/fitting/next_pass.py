@@ -42,16 +42,16 @@ def _climb(t: Floats) -> tuple[Floats, Floats]:
 
 
 _PASSES: Final[dict[str, Path]] = {
-    "a pass each way, to the north and back, 4 m above the transmitter": _pass(0.0, 4.0, 0.0),
-    "a pass each way, to the east and back, 4 m above the transmitter": _pass(math.pi / 2, 4.0, 0.0),
-    "a pass each way, to the north-east and back, 10 m above the transmitter": _pass(math.pi / 4, 10.0, 5.0),
+    "a pass in each direction, to the north and back, 4 m above the transmitter": _pass(0.0, 4.0, 0.0),
+    "a pass in each direction, to the east and back, 4 m above the transmitter": _pass(math.pi / 2, 4.0, 0.0),
+    "a pass in each direction, to the north-east and back, 10 m above the transmitter": _pass(math.pi / 4, 10.0, 5.0),
     "a slow turn on the spot, 7 m beside the transmitter": _turn,
     "a slow climb from 3 to 15 m, 6 m beside the transmitter": _climb,
 }
 
 
 def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
-    """Sentences for a person: what is not told, and the next pass; empty if all is told."""
+    """Return sentences about unknown values and the next pass; none if all is known."""
     open_ = [
         (n, parameter) for n, parameter in enumerate(problem.parameters) if not fit.estimates[parameter.name].identified
     ]
@@ -62,7 +62,7 @@ def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
         estimate = fit.estimates[parameter.name]
         like = f", not from {estimate.like}" if estimate.like else ""
         said.append(
-            f"the flight does not tell {parameter.name}{like}: "
+            f"the flight does not determine {parameter.name}{like}: "
             f"{estimate.low:.2g} … {estimate.high:.2g} {parameter.unit}".rstrip()
         )
     before = np.sqrt(np.diag(fit.covariance))
@@ -74,7 +74,7 @@ def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
         if best is None or sum(shares) < best[0]:
             best = (sum(shares), name, told)
     if best and best[2]:
-        said.append(f"next: fly {best[1]}, which tells more of {', '.join(best[2])}")
+        said.append(f"next: fly {best[1]}, which says more about {', '.join(best[2])}")
     return said
 
 

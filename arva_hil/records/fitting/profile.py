@@ -56,7 +56,7 @@ def _head(fit: ReceiverFit, dates: Sequence[str]) -> list[str]:
 
 def _interval(fit: ReceiverFit, name: str) -> str:
     one = fit.estimates[name]
-    told = "" if one.identified else "; not told by the flight"
+    told = "" if one.identified else "; not determined by the flight"
     return f"# {one.low:.4g} … {one.high:.4g} {one.unit}".rstrip() + told
 
 
