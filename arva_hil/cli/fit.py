@@ -43,7 +43,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def lines(found: ReceiverFit) -> list[str]:
-    """The estimates for a person."""
+    """Return the estimates for a person."""
     turn = "" if found.delta_scatter_deg is None else f", δ {found.delta_scatter_deg:.1f}°"
     said = [
         f"{found.readings} readings, {found.outliers} outliers; residuals: d {100 * found.d_scatter:.1f} %{turn}",

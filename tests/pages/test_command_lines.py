@@ -38,7 +38,6 @@ NOT_RUN = {  # what a line begins with → why it is not run here
     r"gdal": "needs GDAL and the grid of a survey",
     r"docker ": "needs docker; tests/cli/test_service.py reads the Containerfile",
     r"sim_vehicle\.py|make px4|ARVA_HIL_(ARDUCOPTER|PX4)=|PX4_PARAM|px4-": "needs a simulator: tests/sitl",
-    r'build=|for n in|mkdir -p /tmp/px4|\(cd /tmp/px4|"\$build|done$|sleep 5$': "starts several PX4",
     r"~/mavproxy/": "needs MAVProxy, a ground station with a screen",
     r"python tools/fly_simulators\.py": "needs a simulator",
     r"cmake |ninja ": "needs PX4's sources; tests/firmware_proto/test_px4_module.py compiles the module",

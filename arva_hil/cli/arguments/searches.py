@@ -68,9 +68,7 @@ def demo(parser: CommandParser) -> None:
 
     Unless --speed is max, the vehicle's link and the receiver's port are pseudo-terminals.
     """
-    parser.usual(
-        "--speed --headless --count --gps-noise --strategy --victims --height --area --scenario --record --web"
-    )
+    parser.usual("--speed --headless --count --gps-noise --strategy --victims --area --scenario --record --web")
     parser.option("--speed N|max", "multiple of real time", speed, 1.0)
     parser.option("--headless", "print plain lines only, without a live status")
     count = "number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles"

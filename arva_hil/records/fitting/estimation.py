@@ -48,7 +48,7 @@ class Part(NamedTuple):
     bad: Floats
 
     def every(self, step: int) -> Part:
-        """Every so many readings."""
+        """Return every so many readings."""
         keep = np.arange(len(self.flight)) % step == 0
         return Part(self.flight.part(keep), self.bad[keep])
 
@@ -98,12 +98,12 @@ class Estimation:
         return np.array([parameter.sigma for parameter in self.parameters])
 
     def parts(self) -> list[Part]:
-        """The readings used of each flight."""
+        """Return the readings used of each flight."""
         each = zip(self.flights, self.used, self.bad, strict=True)
         return [Part(flight.part(used), bad[used]) for flight, used, bad in each]
 
     def linear(self, part: Part, theta: Floats) -> tuple[Predicted, Linear]:
-        """The residuals at some parameters, and their derivatives by place and time.
+        """Return the residuals at some parameters, and their derivatives by place and time.
 
         The derivatives by place are differences over the usual error of GPS; the mean over that error is a part of the
         prediction.
@@ -130,7 +130,7 @@ class Estimation:
         return self.predictor.predict(flight, theta), Linear(rows + mean, reading, place, bend, age, is_delta)
 
     def jacobian(self, part: Part, theta: Floats, linear: Linear) -> Floats:
-        """The derivatives of the residuals by the parameters.
+        """Return the derivatives of the residuals by the parameters.
 
         Those by places come from `linear`: then an error of GPS that is constant looks exactly like another place.
         """
@@ -307,7 +307,7 @@ def _second_derivatives(cost: Callable[[Floats], float], at: Floats) -> Floats:
 
 
 def speeds(flight: RecordedFlight) -> Floats:
-    """The vehicle's speed at each reading [m/s]."""
+    """Return the vehicle's speed at each reading [m/s]."""
     position = np.stack([np.interp(flight.time_s, flight.track_s, column) for column in flight.track.T], axis=1)
     later = np.stack([np.interp(flight.time_s + 0.5, flight.track_s, column) for column in flight.track.T], axis=1)
     speed: Floats = np.linalg.norm(later - position, axis=1) / 0.5
@@ -315,7 +315,7 @@ def speeds(flight: RecordedFlight) -> Floats:
 
 
 def heading_span(flight: RecordedFlight) -> float:
-    """The angle that the vehicle's heading covers [rad]."""
+    """Return the angle that the vehicle's heading covers [rad]."""
     w, x, y, z = flight.attitude.T
     yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
     return float(sum(abs(b - a) for a, b in pairwise([yaw.min(), yaw.max()])))

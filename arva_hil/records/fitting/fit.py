@@ -91,7 +91,7 @@ def _shown(value: float, logarithm: bool, scale: float) -> float:
 
 
 def _noise(problem: Estimation) -> list[FittedValue]:
-    """The noise of the antennas: as the range of the paper's floor or in nA/m, and its ratio of y to x."""
+    """Return the noise of the antennas: as the range of the paper's floor or in nA/m, and its ratio of y to x."""
     scatter, covariance = problem.scatter, problem.noise_covariance()
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     largest = max(scatter.x, scatter.y) if problem.model != "rssi" else scatter.x

@@ -92,7 +92,7 @@ class RecordedFlight:
 
 
 def flight_of(recording: Recording) -> RecordedFlight:
-    """The flight of a record. Raises FitError and RecordingError."""
+    """Return the flight of a record. Raises FitError and RecordingError."""
     if len(recording.receivers) != 1:
         raise FitError(f"{recording.folder}: expected a record of one receiver, found {len(recording.receivers)}")
     (receiver,) = recording.receivers
@@ -175,7 +175,7 @@ def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
 
 
 def with_near_signs(quaternions: Floats) -> Floats:
-    """The same rotations (T, 4), each with the sign that is nearer to the one before, to interpolate between them."""
+    """Return the same rotations (T, 4), each with the sign nearer to the one before, to interpolate."""
     turned = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
     signs = np.cumprod(np.where(turned == 0, 1, turned))
     return np.vstack([quaternions[:1], quaternions[1:] * signs[:, None]])
@@ -190,7 +190,7 @@ def _covered(time_s: Floats, track_s: Floats) -> NDArray[np.bool_]:
 
 
 def _places(recording: Recording, frame: LocalFrame) -> dict[int, Floats]:
-    """The surveyed places of a record of a real receiver, NED."""
+    """Return the surveyed places of a record of a real receiver, NED."""
     run = recording.run
     if run is None or not run.is_real or run.scenario is None:
         return {}
@@ -199,7 +199,7 @@ def _places(recording: Recording, frame: LocalFrame) -> dict[int, Floats]:
 
 
 def _d_steps(d_m: Floats) -> tuple[float, float]:
-    """The steps in which d is shown, below and above 10 m."""
+    """Return the steps in which d is shown, below and above 10 m."""
     return tuple(_step(d_m[(d_m < 10) == near]) for near in (True, False))  # type: ignore[return-value]
 
 
@@ -209,7 +209,7 @@ def _step(d_m: Floats) -> float:
 
 
 def _delta_step(delta_deg: Floats) -> float:
-    """The step of δ [rad]: arrows, or whole degrees."""
+    """Return the step of δ [rad]: arrows, or whole degrees."""
     values = np.unique(delta_deg[np.isfinite(delta_deg)])
     few = 2 < len(values) <= 24 and np.isfinite(delta_deg).sum() > 5 * len(values)
     return float(np.radians(np.median(np.diff(values)) if few else 1.0))

@@ -79,7 +79,7 @@ def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
 
 
 def _information(problem: Estimation, path: Path) -> Floats:
-    """The information of a minute on a path around the first transmitter, one reading a second."""
+    """Return the information of a minute on a path around the first transmitter, one reading a second."""
     names = [parameter.name for parameter in problem.parameters]
     first = names.index(f"{problem.names[0]} north")
     place = problem.theta[first : first + 3]

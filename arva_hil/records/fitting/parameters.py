@@ -49,12 +49,12 @@ class FittedValue:
 
 
 def name_of(id_: int) -> str:
-    """The name of a transmitter in the names of its parameters."""
+    """Return the name of a transmitter in the names of its parameters."""
     return "transmitter" if id_ == NO_ID else f"transmitter {id_}"
 
 
 def receiver_parameters(model: str) -> list[Parameter]:
-    """Those of the receiver."""
+    """Return those of the receiver."""
     degrees = 180 / math.pi
     every = [
         Parameter("kappa_eq", math.log(1.542), 1.0, logarithm=True),
@@ -70,7 +70,7 @@ def receiver_parameters(model: str) -> list[Parameter]:
 
 
 def transmitter_parameters(flights: list[RecordedFlight], id_: int, start: Floats, *, first: bool) -> list[Parameter]:
-    """Those of one transmitter. `start`: its place, yaw and pitch from the search for a start."""
+    """Return those of one transmitter. `start`: its place, yaw and pitch from the search for a start."""
     degrees, name = 180 / math.pi, name_of(id_)
     surveyed = next((flight.places[id_] for flight in flights if id_ in flight.places), None)
     place, sigma = (start[:3], 30.0) if surveyed is None else (surveyed, 0.3)

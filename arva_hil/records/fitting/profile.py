@@ -13,7 +13,7 @@ from arva_hil.safe_text import one_line
 
 
 def profile(fit: ReceiverFit, dates: Sequence[str]) -> str:
-    """The text of a profile (YAML). `dates`: of the records, UTC."""
+    """Return the text of a profile (YAML). `dates`: of the records, UTC."""
     get = {name: one.value for name, one in fit.estimates.items()}
     lines = [*_head(fit, dates), "spec: 2", "receiver:", f"  model: {fit.model}"]
     lines.append(f"  kappa_eq: {get['kappa_eq']:.5g}  {_interval(fit, 'kappa_eq')}")
@@ -26,7 +26,7 @@ def profile(fit: ReceiverFit, dates: Sequence[str]) -> str:
 
 
 def scenario(fit: ReceiverFit, profile_name: str) -> str:
-    """The text of a scenario with the transmitters, the latency as a fault, and the profile by its file name."""
+    """Return the text of a scenario with the transmitters, the latency as a fault, and the profile by its file name."""
     get = {name: one.value for name, one in fit.estimates.items()}
     lines = ["# The transmitters and the latency of a fit; the receiver is in the profile.", "spec: 2"]
     lines += [f"receiver: {{profile: {profile_name}}}", f"faults: [{{delay_s: {max(get['latency'], 0.0):.3f}}}]"]

@@ -41,7 +41,7 @@ class ReceiverFit:
         return [one for one in self.estimates.values() if not one.identified]
 
     def as_json(self) -> dict[str, Any]:
-        """The fit as plain values."""
+        """Return the fit as plain values."""
         from dataclasses import asdict
 
         return {

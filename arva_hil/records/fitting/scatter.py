@@ -67,7 +67,7 @@ class Linear(NamedTuple):
 def covariance(
     flight: RecordedFlight, predicted: Predicted, linear: Linear, scatter: Scatter, gps: Gps, bad: Floats
 ) -> Floats:
-    """The covariance (R, R) of the residuals. `bad` (N,): factor of the variance of outliers, 1 for others."""
+    """Return the covariance (R, R) of the residuals. `bad` (N,): factor of the variance of outliers, 1 for others."""
     variance = own_covariance(flight, predicted, linear, scatter, bad)
     if gps.sigma_m > 0:
         at = flight.time_s[linear.reading]
@@ -80,7 +80,7 @@ def covariance(
 def own_covariance(
     flight: RecordedFlight, predicted: Predicted, linear: Linear, scatter: Scatter, bad: Floats
 ) -> Floats:
-    """The part that differs from reading to reading."""
+    """Return the part that differs from reading to reading."""
     n = len(flight)
     cos, sin = np.cos(predicted.delta), np.sin(predicted.delta)
     relative = 1 / predicted.shown
@@ -114,7 +114,7 @@ def minus_log_likelihood(matrix: Floats, residual: Floats, jacobian: Floats) -> 
 
 
 def outlier_factors(lower: Floats, residual: Floats, linear: Linear, bad: Floats) -> Floats:
-    """The factor by which the variance of each reading has to grow (N,), 1 for most.
+    """Return the factor by which the variance of each reading has to grow (N,), 1 for most.
 
     `lower`: the Cholesky factor of the covariance. Each reading is compared with its prediction from all others.
     """

@@ -54,7 +54,7 @@ def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None) -> l
 
 
 def _places(some: RecordedFlight, position: Floats) -> list[Floats]:
-    """A grid around the poses, fine where d is smallest."""
+    """Return a grid around the poses, fine where d is smallest."""
     nearest = position[np.argsort(some.d_m)[:8]].mean(axis=0)
     low, high = position[:, :2].min(axis=0), position[:, :2].max(axis=0)
     reach = float(np.clip(some.d_m.min() * 1.5, 3, 40))

@@ -50,7 +50,7 @@ class Progress:
         self._position = position
 
     def move(self, time_s: float, position: Position, *, searching: bool) -> None:
-        """The vehicle is at a place. `searching`: the time counts."""
+        """Note the place of the vehicle. `searching`: the time counts."""
         if searching:
             self.searched_s = time_s - self._start_s
         self.path_m += math.dist(position[:2], self._position[:2])
