@@ -64,7 +64,7 @@ def test_an_autopilot_unplugged_and_plugged_again(
     until(consumer.hears)
     first.close()
     until(lambda: not consumer.hears())
-    program.says(rf"\nwarning: {plug.url}: lost: closed by the far end, looking for it")
+    program.says(rf"\nwarning: {plug.url}: lost: closed by the far end, searching for it")
     keep(Autopilot(plug()))
     until(consumer.hears)
     program.says(rf"\n{plug.url}: back after \d+\.\d s")

@@ -149,7 +149,7 @@ def test_a_run_that_fails_says_so_in_its_record(start: Start, line: PtyLink, tmp
     assert program.ends() == 3
     run = json.loads((tmp_path / "record" / "run.json").read_bytes())
     assert run["exit_code"] == 3
-    assert "nothing was heard" in run["ended"]
+    assert "no byte came" in run["ended"]
     assert (run["vehicle"], run["datum"]) == (None, None)
 
 

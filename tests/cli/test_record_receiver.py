@@ -50,7 +50,7 @@ def test_another_format_is_named_and_its_bytes_are_kept_and_decoded_later(
     code, _, err = arva("record", *words, tmp_path / "r")
     assert code == 1
     assert "poses without frames: no binary frame in" in err
-    assert "it looks like nmea: --format nmea" in err
+    assert "the bytes are nmea: --format nmea" in err
     code, _, err = arva("decode", tmp_path / "r", "--format", "nmea", "--out", tmp_path / "again")
     assert code == 0, err
     assert len(rows(tmp_path / "again" / "readings.csv")) > 40

@@ -34,7 +34,7 @@ def test_two_records_and_those_of_a_folder_are_on_one_page(
     assert (tmp_path / "report.html").read_text() == (tmp_path / "x.html").read_text()
     for n in range(12):
         write(tmp_path / f"more-{n:02}", 1, search=False)
-    assert f"note: {tmp_path} holds 14 records: the first 12 are shown" in arva("report", tmp_path).err
+    assert f"note: {tmp_path} holds 14 records: the report has the first 12" in arva("report", tmp_path).err
 
 
 def test_a_folder_without_a_record_and_a_file_of_the_record_are_refused(arva: Arva, tmp_path: Path) -> None:

@@ -268,7 +268,7 @@ def test_the_receiver_is_unplugged(start: Start, autopilot: Autopilot, tmp_path:
         beacon.close()
     assert program.ends() == 1
     for line in (
-        f"warning: {path}: lost: closed by the far end, looking for it",
+        f"warning: {path}: lost: closed by the far end, searching for it",
         "warning: no frame for 2 s: hovering",
         "no frame from the receiver for 3 s; landing",
         "error: no frame from the receiver for 3 s; nothing found",
@@ -285,7 +285,7 @@ def test_the_receiver_is_plugged_in_again(start: Start, autopilot: Autopilot, ke
         program.says(FLYING)
     finally:
         beacon.close()
-    program.says(rf"\nwarning: {path}: lost: closed by the far end, looking for it")
+    program.says(rf"\nwarning: {path}: lost: closed by the far end, searching for it")
     program.says("warning: no frame for 2 s: hovering")
     keep(Beacon(symlink=path))
     program.says(rf"\n{path}: back after \d+\.\d s")
@@ -326,7 +326,7 @@ def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon, tmp_path: Pat
         autopilot.close()
     assert program.ends() == 1
     assert f"error: {path}: lost" in program.err
-    assert "looking for it" not in program.err
+    assert "searching for it" not in program.err
     assert "the vehicle is left to its own failsafe: it stops after 3 s (GUID_TIMEOUT), and hovers" in program.err
 
 

@@ -575,7 +575,7 @@ def test_a_long_arm_of_the_cross_costs_no_more_than_the_engine_allows():
     cross = autopilot.require(NAME).Cross(0.0, 0.0, 0.0)
 
     def cost(step):
-        return autopilot.count(lambda: cross.observe(400 * step, step / 10, 0.0, 100 * math.exp(-step / 100)))
+        return autopilot.count(lambda: cross.hear(400 * step, step / 10, 0.0, 100 * math.exp(-step / 100)))
 
     hear = max(cost(step) for step in range(399))
     assert cross.target(39.8, 0.0) == pytest.approx((41.8, 0))

@@ -131,7 +131,7 @@ def test_while_it_is_away_nothing_is_read_and_writes_are_dropped(cable: Cable, b
         assert not cable.link.ready()
         assert cable.link.dropped == (n + 1 if by == "write" else 0)
     assert cable.counts == (1, 0)
-    assert cable.link.why == "memory:a: lost: closed by the far end, looking for it"
+    assert cable.link.why == "memory:a: lost: closed by the far end, searching for it"
 
 
 def test_it_is_found_soon_and_both_ways_work_again(cable: Cable) -> None:
@@ -224,7 +224,7 @@ def test_why_it_cannot_be_opened_is_known_and_it_is_tried_on(cable: Cable) -> No
     cable.pull()
     cable.wait(1.0)
     absent = cable.link.why
-    assert absent == "memory:a: lost: closed by the far end, looking for it"
+    assert absent == "memory:a: lost: closed by the far end, searching for it"
     cable.fails = Barred("cable", "busy", "close the other program")
     cable.wait(1.0)
     assert cable.link.why == "cable: busy; close the other program"
@@ -365,7 +365,7 @@ def test_a_serial_port_is_looked_for_by_its_stable_name(tmp_path: Path, monkeypa
     far.close()
     until(lambda: near.read() == b"" and near.away, near)
     assert f"{first}: lost" in near.why
-    assert f"looking for {name}" in near.why
+    assert f"searching for {name}" in near.why
     other = PtyLink()
     far = PtyLink()
     name.unlink()

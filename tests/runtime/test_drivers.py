@@ -142,7 +142,7 @@ def test_one_line_for_lost_and_one_for_back(bench: Bench) -> None:
         name = side.link.name
         of_links = [notice for notice in bench.diary.notices[before:] if "pose" not in notice.text]
         assert [notice.level for notice in of_links] == ["warning", "info"] * n
-        assert of_links[-2].text == f"{name}: lost: closed by the far end, looking for it"
+        assert of_links[-2].text == f"{name}: lost: closed by the far end, searching for it"
         assert of_links[-1].text.startswith(f"{name}: back after 8.")
     counts = {"losses": 1, "returns": 1, "strangers": 0}
     both = {f"{side}_link_{what}": n for side in ("autopilot", "port") for what, n in counts.items()}
@@ -161,7 +161,7 @@ def test_what_a_person_has_to_see_to_is_one_more_line(bench: Bench) -> None:
     bench.port.plug()
     bench.run(1.0)
     lost, busy, back = bench.diary.notices[before:]
-    assert (lost.level, lost.text) == ("warning", "port: lost: closed by the far end, looking for it")
+    assert (lost.level, lost.text) == ("warning", "port: lost: closed by the far end, searching for it")
     assert (busy.level, busy.text) == ("warning", "port: busy: held by 1234 (mavproxy)")
     assert back.text.startswith("port: back after 1")
     bench.port.pull()

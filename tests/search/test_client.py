@@ -503,7 +503,7 @@ def test_frames_that_stop_in_the_take_off_make_it_land_too() -> None:
 
 # -- cables that are pulled, and plugged in again -----------------------------------------------------------
 
-LOST = "plug: lost: closed by the far end, looking for it"
+LOST = "plug: lost: closed by the far end, searching for it"
 
 
 @BOTH

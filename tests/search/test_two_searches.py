@@ -133,7 +133,7 @@ def test_without_contact_one_that_somebody_else_arms_is_not_flown() -> None:
     second._flight.wait = lambda now: True  # type: ignore[method-assign]
     world.until(lambda: second.outcome, 20.0)
     assert second.outcome is not None
-    assert in_words(second.outcome.how).startswith("somebody else has armed it")
+    assert in_words(second.outcome.how).startswith("another program or person has armed it")
     assert world.end() == ("found", "found")
 
 

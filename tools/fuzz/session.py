@@ -187,7 +187,7 @@ class Bench:
                 assert self._alone(twin, p) == [p]
 
     def _alone(self, twin: Session, p: Packet) -> Sequence[Packet]:
-        twin.parser.cut()
+        twin.reader.parser.cut()
         packets = twin.reader.feed(p.raw, self._now)
         twin.receive(packets, self._now)
         return packets
