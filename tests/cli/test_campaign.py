@@ -84,7 +84,8 @@ def test_it_flies_the_plan_and_reports(arva: Arva, plan: Path, monkeypatch: pyte
     monkeypatch.chdir(plan.parent)
     code, out, err = arva("campaign", plan)
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == ["strategy", "flux", "estimate", "extremum", "success:", "2"]
+    first = [line.split()[0] for line in out.splitlines()]
+    assert first == ["strategy", "flux", "estimate", "extremum", "success:", "2"]
     assert f"{TRIALS} trials, 0 of them done; processes: 1" in err
     assert "plan-results/results.csv, plan-results/report.html" in err
     assert rows(Path("plan-results")) == TRIALS
