@@ -14,6 +14,9 @@ import pytest
 from hypothesis import settings
 
 from tests import order, slow
+from tests.browser import browser
+
+__all__ = ["browser"]  # one fixture: Playwright refuses a second browser in a worker
 
 TESTS = Path(__file__).parent
 DATA = TESTS / "data"

@@ -25,12 +25,10 @@ from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
 from firmware_proto import Channel, Frame, encode
-from tests.browser import Tab, browser
+from tests.browser import Tab
 
 from . import flown
 from .far_ends import Autopilot, Beacon, Keep, Program, Start
-
-__all__ = ["browser"]
 
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 WEB = ("--web", "127.0.0.1:0")

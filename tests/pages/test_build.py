@@ -16,10 +16,7 @@ import pytest
 
 import arva_hil
 from arva_hil.cli.main import COMMANDS
-from tests.browser import browser
 from tests.once import once
-
-__all__ = ["browser"]
 
 ROOT = Path(__file__).parents[2]
 LACKING = [name for name in ("sphinx", "furo", "myst_parser", "latex2mathml") if find_spec(name) is None]
