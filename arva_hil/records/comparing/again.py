@@ -70,7 +70,7 @@ def emulated_again(recording: Recording, receiver: RecordedReceiver, scenario: S
                     made.append(event)
                     ranges.append(seen.transmitters.ranges(event.pose.position) if event.pose else {})
 
-    _feed(recording, setup, world, settle)
+    feed(recording, setup, world, settle)
     settle(float(receiver.time_s[-1]) + _LOOK_AHEAD_S if len(receiver) else 0.0)
     ids = [transmitter.id for transmitter in scenario.transmitters]
     by_id = {id_: np.array([one.get(id_, math.nan) for one in ranges]) for id_ in ids}
@@ -94,8 +94,11 @@ def packets(recording: Recording) -> Iterator[tuple[float, bytes]]:
         raise RecordingError(path, str(error)) from None
 
 
-def _feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle: Callable[[float], None]) -> None:
-    """Feed the packets of a record to a vehicle's world. `settle(now)`: called before the packets of `now`."""
+def feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle: Callable[[float], None]) -> float:
+    """Feed the packets of a record to a vehicle's world. `settle(now)`: called before the packets of `now`.
+
+    Returns the time of the last ones. Raises RecordingError.
+    """
     before = -math.inf
     for now, raw in packets(recording):
         now = max(now, before)
@@ -103,6 +106,7 @@ def _feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle
             settle(now)
         before = now
         world.update(setup.session.feed(raw, now, whole=True), now)
+    return before
 
 
 def _columns(receiver: RecordedReceiver, made: Sequence[FrameMade]) -> RecordedReceiver:

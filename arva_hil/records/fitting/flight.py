@@ -15,7 +15,7 @@ from arva_hil.emulator.snapshot import Snapshot
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.errors import ArvaError
 from arva_hil.model.field import LocalFrame, rotation
-from arva_hil.records.comparing.again import packets
+from arva_hil.records.comparing.again import feed
 from arva_hil.records.reading import Recording
 from arva_hil.records.reading.receivers import NO_ID
 
@@ -149,7 +149,7 @@ def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
     setup = one_vehicle(scenario, Session(passive=True))
     world = VehicleWorld(setup, {}, start=0.0, max_age_s=MOST_GAP_S)
     seen: list[Snapshot] = []
-    due, before = -5.0, -np.inf
+    due = -5.0
 
     def settle(now: float) -> None:
         nonlocal due
@@ -159,13 +159,7 @@ def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
                 seen.append(snapshot)
             due += TRACK_S
 
-    for now, raw in packets(recording):
-        now = max(now, before)
-        if now > before:
-            settle(now)
-        before = now
-        world.update(setup.session.feed(raw, now, whole=True), now)
-    settle(before + _LOOK_AHEAD_S)
+    settle(feed(recording, setup, world, settle) + _LOOK_AHEAD_S)
     if not seen or world.datum.frame is None:
         raise FitError(f"{recording.folder}: frames without poses: the autopilot sent no position, attitude and home")
     poses = [one.pose for one in seen if one.pose is not None]
