@@ -540,3 +540,14 @@ def test_a_silence_in_a_climb_or_descent_is_no_error_of_a_sensor(
     assert disagreements(vehicle) == []
     assert height.metres == pytest.approx(3.0, abs=0.1)
     assert not height.still
+
+
+def test_poses_that_stay_old_do_not_hide_ground_that_rises(vehicle: Vehicle) -> None:
+    vehicle.says(0.0, pressure(0.0))
+    vehicle.arm()
+    for n in range(50):
+        t = n * 0.2
+        vehicle.says(t, distance(300 if n < 10 else 240), pressure(3.0))
+        pose = VehicleState(t, np.array([0.05 * n, 0.0, -3.0]), np.zeros(3), (1.0, 0.0, 0.0, 0.0), 0.5 if n else 0.0)
+        height = vehicle.ground.height(t, pose)
+    assert height.metres == pytest.approx(2.4, abs=0.05)

@@ -100,7 +100,7 @@ class Ground:
         self._start = Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
         self._climbs = 0.0  # m/s
         self._silent = False  # the last pose was old
-        self._checked: tuple[float, float] | None = None  # the last checked height, and the climb until then [m]
+        self._checked: tuple[Odometry, float] | None = None  # the motion at the last checked height, and that [m]
         self._reported = 0.0  # offset of the estimated altitude to the climb
         self._jump = (-math.inf, 0.0, 0.0)  # of the estimated altitude: noted until when, value and expected value
         self._stalled = 0.0  # descent that was ordered at rest [m]
@@ -185,12 +185,13 @@ class Ground:
         if distance is None or level < _LEVEL:
             self._checked = None
             return None
-        if self._checked and (self._silent or motion.time_s - distance.time_s > _SILENT_S):
-            before, climbed = self._checked
-            return before + min(0.0, motion.climbed - climbed)
+        old = self._silent or motion.time_s - distance.time_s > _SILENT_S
+        if self._checked and old and motion.time_s - self._checked[0].time_s <= FRESH_S:
+            then, height = self._checked
+            return height + min(0.0, motion.climbed - then.climbed)
         confirmed = max(altitudes[name] - self._levels[name].highest for name in sure) + self._tolerance
         metres = self._range.height(motion, distance.metres * level, distance.sample, confirmed)
-        self._checked = None if metres is None else (metres, motion.climbed)
+        self._checked = None if metres is None else (motion, metres)
         if metres is not None:
             for name, metres_up in altitudes.items():
                 self._levels[name].highest = max(self._levels[name].highest, metres_up - metres)
