@@ -1,11 +1,10 @@
 """The authority over the vehicle: the mode that was ordered, and the mode that it reports.
 
-`BOUND_MS` is promised: after a report of a mode that was not ordered has reached this computer, an order leaves within
-that time or not at all. Three rules ensure it. Before every order the link is read until it is empty (the search
-client does so). An order that arms or changes the mode is sent only immediately after a report of the mode, so a pilot
-who switches after that report overrides the order, except while both are in transmission. After a gap, in which this
-program did not run, earlier reports do not count: the vehicle gets a TIMESYNC with a number of ours, and only reports
-that come after its answer are used.
+`BOUND_MS` is a promise: no order leaves later than that after this computer received a mode that was not ordered. Three
+rules ensure it. The search client reads the link until it is empty before each order. An order that arms or changes the
+mode is sent only immediately after a report of the mode. So a pilot who switches after that report overrides the order,
+except while both are in transmission. After a gap, in which this program did not run, earlier reports do not count: the
+vehicle gets a TIMESYNC with a number of ours, and only reports after its answer are used.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 BOUND_MS: Final = 100
 _AT_ONCE_S: Final = 0.02  # send an order within this time after a report was read
 _WAITED_S: Final = 0.25  # a report may have waited this long before it was read
-SILENT_S: Final = 2.5  # without a report of the mode: it is not known any more who controls the vehicle
+SILENT_S: Final = 2.5  # without a report of the mode for this time, the authority is unknown
 _ASK_AGAIN_S: Final = 0.3
 
 MODE_WANTED: Final = {dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0, MAVLINK_MSG_ID_CURRENT_MODE: 10.0}
@@ -50,7 +49,7 @@ class Authority:
             self._ours |= {mode}
 
     def borrow(self) -> None:
-        """Accept the present mode, in which the vehicle was handed over. It may stay in this mode for now."""
+        """Accept the present mode, in which the vehicle was handed over, for now."""
         self._ours = frozenset({self.mode})
 
     @property
@@ -60,11 +59,11 @@ class Authority:
 
     @property
     def usurped(self) -> bool:
-        """True if the vehicle is in a mode that our orders do not cause."""
+        """True if the vehicle is in a mode that our orders cannot have caused."""
         return bool(self._ours) and self.mode not in self._ours
 
     def on_mode(self, mode: int, since: float, now: float) -> None:
-        """Use a report of the mode, which was sent after `since` and is read `now`."""
+        """Use a report of the mode, sent after `since` and read at `now`."""
         self.mode = mode
         if not self._question:
             self._news_s, self._read_s = since, now
@@ -77,7 +76,7 @@ class Authority:
             self._question = 0
 
     def doubt(self, now: float) -> None:
-        """Handle a gap: earlier reports do not count any more, and no order is sent before a later one."""
+        """Handle a gap: earlier reports do not count, and no order is sent before a later report."""
         self._question = secrets.randbits(62) | 1
         self._next_question = self._since = now
         self._news_s = -math.inf
@@ -101,5 +100,5 @@ class Authority:
         return now - self._read_s <= _AT_ONCE_S and now - self._news_s <= _WAITED_S
 
     def silent(self, now: float) -> bool:
-        """Return True if no report came for so long that the authority over the vehicle is unknown."""
+        """Return True if the last report is so old that the authority over the vehicle is unknown."""
         return now - max(self._news_s, self._since) > SILENT_S

@@ -25,11 +25,11 @@ from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
 _REPEAT_S: Final = 1.0
 _ARM_AGAIN_S: Final = 3.0  # each refused attempt is a message on every ground station
-_TAKE_OFF_AGAIN_S: Final = 5.0  # if it is acknowledged, but the vehicle is still on the ground
+_TAKE_OFF_AGAIN_S: Final = 5.0  # repeat an acknowledged take-off if the vehicle is still on the ground
 _FLOWING_S: Final = 1.0  # send set-points this long before PX4 gets the order to follow them
 _STOPPED_S: Final = 0.5  # send set-points with velocity 0 this long before the last one
 _OWN_MODE_S: Final = 0.3  # after a stick: ArduPilot reads a mode switch after 0.2 s, and reports its mode at 10 Hz
-_PX4_YIELDS_S: Final = 5.0  # for Hold, which waits for no throttle
+_PX4_YIELDS_S: Final = 5.0  # limit for the change to Hold, which waits for no throttle
 _STILL: Final = (0.0, 0.0, 0.0)
 _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
@@ -92,7 +92,7 @@ class Commander(FlightState):
         self._stop(now, why, Phase.LANDING, self._modes.land)
 
     def hold(self, now: float, *why: Reason) -> None:
-        """Hover here for the pilot; before the take-off: disarm. A landing goes on."""
+        """Hover here for the pilot; before the take-off: disarm. A landing continues."""
         self._stop(now, why, Phase.HOLDING, self._modes.hold)
 
     def _stop(self, now: float, why: tuple[Reason, ...], phase: Phase, mode: int) -> None:
@@ -131,7 +131,7 @@ class Commander(FlightState):
         if self.authority.silent(now):
             self._lose(because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S))
         elif not self.authority.settled:
-            pass  # who controls the vehicle is asked first
+            pass  # find out first who controls the vehicle
         elif self.phase is Phase.CLIMBING and self._climbed:
             self._enter(Phase.FLYING, now, self._modes.steer)
             self._next_order = now + max(0.0, _FLOWING_S - late)
@@ -150,7 +150,7 @@ class Commander(FlightState):
                 self._lose(why)
 
     def _due(self, now: float) -> list[Any]:
-        """Set-points, which have an effect in one mode only, and orders, which may change the mode."""
+        """Return the set-points, which have an effect in one mode only, and the orders, which may change the mode."""
         messages = []
         if not self._steered:
             self._pace.rest()

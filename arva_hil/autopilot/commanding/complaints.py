@@ -17,7 +17,7 @@ _MOST_RECENT: Final = 4
 
 
 def unwell(message: Any) -> list[str]:
-    """Return the enabled sensors that are not healthy; without a ground station PX4 gives no other reason."""
+    """Return the enabled sensors that are not healthy. Without a ground station PX4 gives no other reason to refuse."""
     bits = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
     sensors = dialect.enums["MAV_SYS_STATUS_SENSOR"]
     names = [sensors[1 << n].name for n in range(32) if bits >> n & 1 and 1 << n in sensors]
@@ -94,7 +94,7 @@ class Complaints:
         return reasons
 
 
-_LAST_S: Final = 5.0  # that a report is valid: the vehicle may have been restarted, or be another one
+_LAST_S: Final = 5.0  # a report is valid for this time: the vehicle may have been restarted, or be another one
 _BATTERY: Final = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
 _LOW: Final = {
     dialect.MAV_BATTERY_CHARGE_STATE_LOW,

@@ -59,7 +59,7 @@ _OF_LATE_S: Final = 5.0
 
 
 class SetpointPace:
-    """Remembers the last set-point and the longest gap lately. Times are seconds on the caller's clock."""
+    """Remembers the last set-point and the longest recent gap. Times are seconds on the caller's clock."""
 
     def __init__(self) -> None:
         self._last = self._next = -math.inf
@@ -94,8 +94,8 @@ RISEN_M: Final = 0.5  # more than the drift of an altitude: it has taken off
 class FlightState:
     """Remembers the phase of a flight, its start, and the vehicle's reports in it.
 
-    `why`: the reasons if the flight is LOST, or had to land. After it is LOST nothing is sent any more: the pilot
-    controls the vehicle if it was `handed_over`, otherwise the autopilot's own failsafe does. `origin`: where it armed;
+    `why`: the reasons if the flight is LOST, or had to land. Once it is LOST nothing is sent: the pilot controls the
+    vehicle if it was `handed_over`, otherwise the autopilot's own failsafe does. `origin`: the place of the arming;
     `take_off_m`: the height of the take-off.
     """
 
@@ -111,8 +111,8 @@ class FlightState:
         self._take_off_m = take_off_m
         self._modes = ARDUCOPTER  # until the launch
         self._yaw = 0.0
-        self._taken: float | None = None  # it was in a mode of others, after so many s without set-points
-        self._borrowing = False  # it is still in the mode of a take-over, and does not follow us yet
+        self._taken: float | None = None  # seconds without set-points before another mode was reported
+        self._borrowing = False  # still in the mode of the take-over: it does not follow set-points yet
         self._since = 0.0  # of this phase
         self._limit_s = math.inf  # of this phase
         self._next_order = -math.inf
@@ -140,7 +140,7 @@ class FlightState:
 
     @property
     def _climbed(self) -> bool:
-        """True if it is high enough, or will be when the next order reaches it: PX4 climbs until then."""
+        """True if the vehicle is high enough, or will be when the next order reaches it: PX4 climbs until then."""
         enough = 0.9 * self._take_off_m - 0.1
         if not self._modes.px4:
             return self.height > enough
@@ -149,7 +149,7 @@ class FlightState:
 
     @property
     def _steered(self) -> bool:
-        """True if set-points are sent, until another mode needs none. ArduPilot would follow them in a take-off."""
+        """True while set-points are sent. During a take-off none are sent to ArduPilot, which would follow them."""
         landing = self.phase is Phase.LANDING and not self.lands_by_itself
         return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
 
@@ -166,7 +166,7 @@ class FlightState:
         self.authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 
     def _leave_alone(self, *why: Reason) -> bool:
-        """End a take-over before the vehicle follows us, for any reason: no order has to be undone."""
+        """End a take-over before the vehicle follows set-points: no order has to be undone."""
         if self._borrowing and self.phase.active:
             self._lose(*why, because(Why.NOT_TAKEN_OVER), handed_over=True)
         return self._borrowing
@@ -193,9 +193,9 @@ class FlightState:
     def _watch_mode(self, now: float) -> None:
         """Detect a mode that this program did not request: the pilot or a failsafe has set it.
 
-        PX4 arms in hold, and may be in it until it has risen. It does not return to hold by itself, because the height
-        of its take-off is larger than the one at which it is ordered to follow set-points. After a gap the present mode
-        is named: PX4 may have left OFFBOARD by itself, and the pilot may have chosen another mode after that.
+        PX4 arms in hold, and may stay in hold until it has risen. It does not return to hold by itself: it is ordered
+        to follow set-points below the height of its take-off. After a gap the present mode is named, because PX4 may
+        have left OFFBOARD by itself, and the pilot may have chosen another mode after that.
         """
         in_mode = self.authority.in_mode
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M

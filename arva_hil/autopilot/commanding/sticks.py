@@ -15,8 +15,8 @@ from arva_hil.mavlink.codec import dialect
 
 _CHANNELS: Final = range(1, 19)
 _STICKS: Final = 4  # of the channels; the others are switches and knobs
-_MOVED_US: Final = 75  # 15 % of a stick's travel from its middle
-_SWITCHED_US: Final = 250  # half the travel of a switch with three positions
+_MOVED_US: Final = 75  # a stick has moved: 15 % of its travel from the middle
+_SWITCHED_US: Final = 250  # a switch has moved: half the travel of one with three positions
 _CENTRE_US: Final = 1500
 _MIDDLE_US: Final = (1400, 1600)  # of the throttle: LOITER keeps the height
 _PULSE_US: Final = (975, 2200)  # pulses outside are not from a radio: ArduPilot's FS_THR_VALUE is 975
@@ -113,7 +113,7 @@ class Sticks:
 
     @property
     def _usable(self) -> bool:
-        """True if channels are a person's: not those of a lost radio. PX4 calls an unmapped radio lost too."""
+        """True if a person moves the channels: not those of a lost radio. PX4 reports an unmapped radio as lost too."""
         return self.remote or not self._had_remote
 
     def mark(self) -> None:

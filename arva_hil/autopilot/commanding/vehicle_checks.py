@@ -1,6 +1,7 @@
-"""The questions to a vehicle before a search: the parameters of its failsafes and fence, and whether it is simulated.
+"""Questions to a vehicle before a search: the parameters of its failsafes and fence, and whether it is simulated.
 
-The failsafes determine what follows the last set-point. With default parameters the vehicle hovers, armed.
+The failsafes determine what the vehicle does after the last set-point. With default parameters the vehicle hovers,
+armed.
 """
 
 from __future__ import annotations
@@ -123,7 +124,7 @@ def _limit(values: Mapping[str, float], name: str, on: int) -> FenceLimit | None
 
 
 _ASK_S: Final = 1.0
-_NEAR_M: Final = 200.0  # horizontally, from the estimate to the truth; farther away it belongs to another vehicle
+_NEAR_M: Final = 200.0  # horizontal distance from estimate to truth; farther away it is another vehicle
 _ASKED: Final = {  # by MAV_AUTOPILOT
     dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: dialect.MAVLINK_MSG_ID_SIMSTATE,
     dialect.MAV_AUTOPILOT_PX4: dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,

@@ -12,7 +12,7 @@ from arva_hil.autopilot.following.pose_track import ClockMap
 from arva_hil.events.reasons import HeardSource, Reason, Why, because
 from arva_hil.mavlink.codec import Packet, dialect
 
-_MOST_SOURCES: Final = 32  # remember at most so many; a hostile link may have 65,536
+_MOST_SOURCES: Final = 32  # a hostile link may have 65,536
 _KINDS: Final = "GCS GIMBAL ADSB CAMERA ONBOARD_CONTROLLER ANTENNA_TRACKER"
 _NOT_VEHICLES: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
 
@@ -89,7 +89,7 @@ def short_name(enum: str, value: int) -> str:
     return entry.name.removeprefix(enum + "_").lower() if entry else f"{enum} {value}"
 
 
-_SILENT_S: Final = 3.0  # of the vehicle's sender, until another may take its place: three heartbeats
+_SILENT_S: Final = 3.0  # three heartbeats: after this silence another sender may replace the vehicle's
 _ASLEEP_S: Final = 1.0  # after a pause in reading of this length, silence means nothing
 _MOST: Final = 8  # senders that are answered while the vehicle is unknown
 
@@ -109,7 +109,7 @@ class Senders:
         self._pinned = False
 
     def on_read(self, now: float) -> None:
-        """Register a read of the link at `now`. After a pause, the vehicle has its whole time again."""
+        """Register a read of the link at `now`. After a pause, the vehicle's silence counts from now."""
         if now - self._looked_at > _ASLEEP_S:
             self._heard_at = max(self._heard_at, now)
         self._looked_at = now
@@ -140,7 +140,7 @@ class Senders:
         self._heard_at = -math.inf
 
     def resume(self, now: float) -> None:
-        """Handle a link that is back: the last sender has its whole time again."""
+        """Handle a link that is back: the last sender's silence counts from now."""
         self._heard_at = now
 
 
@@ -152,7 +152,7 @@ Velocity = tuple[float, float, float]  # NED, m/s
 _WINDOW_S: Final = 30.0  # of the clock: a vehicle's clock may be slow, and packets may come late
 _AHEAD_S: Final = 1.0  # of the expected clock, plus 5 % of a silence
 _AHEAD: Final = 0.05
-_BEHIND_S: Final = 0.5  # of the newest time: packets do not come in another order
+_BEHIND_S: Final = 0.5  # a packet may be older than the newest one by this much
 _JUMP_M: Final = 10.0  # an estimator may correct itself by this much, plus 5 m per second
 _JUMP_MS: Final = 5.0
 _LASTING: Final = 3  # values in a row, so that one wrong value does not count

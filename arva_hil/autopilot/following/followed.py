@@ -43,7 +43,7 @@ class FollowedVehicle:
         self.vehicle: Vehicle | None = None
         self._events: list[Event] = []  # since the last `receive` or `poll`
         self.navigation = Navigation(name, self._events.append)
-        self.ignored = 0  # packets of other systems and components, and of senders that only claim to be the vehicle
+        self.ignored = 0  # packets of other systems and components, and of senders with the vehicle's ids
         self.rate_hz = rate_hz
         self.next_due = -math.inf
         self._finder = VehicleDiscovery(target_system, target_component)

@@ -43,16 +43,16 @@ class Modes:
         return (_SUB.get(sub) if main == 4 else _MAIN.get(main)) or f"mode {main}/{sub}"
 
     def to_set(self, vehicle: Vehicle, mode: int) -> Any:
-        """DO_SET_MODE. Only a heartbeat confirms the mode, not the acknowledgement."""
+        """Return a DO_SET_MODE. Only a heartbeat confirms the mode, not the acknowledgement."""
         main, sub = (mode >> 16 & 0xFF, mode >> 24) if self.px4 else (mode, 0)
         custom = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         return command(vehicle.system, vehicle.component, dialect.MAV_CMD_DO_SET_MODE, custom, main, sub)
 
     def to_take_off(self, vehicle: Vehicle, height: float, ground_amsl: float) -> Any:
-        """NAV_TAKEOFF to a height above the ground, straight up, heading kept.
+        """Return a NAV_TAKEOFF to a height above the ground, straight up, heading kept.
 
-        PX4 ends a take-off within 0.8 m of its height, and then changes to hold, as if the pilot had ordered it. So the
-        height ordered is larger, and the mode that follows set-points is ordered before it is reached.
+        PX4 ends a take-off within 0.8 m of its height, and then changes to hold, as if the pilot had ordered it. So a
+        larger height is ordered, and the mode that follows set-points before the vehicle reaches it.
         """
         here = float("nan") if self.px4 else 0.0  # PX4 takes a number for a place, ArduPilot ignores it
         level = ground_amsl + height + _SPARE_M if self.px4 else height

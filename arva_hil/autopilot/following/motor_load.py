@@ -38,15 +38,15 @@ class MotorLoad:
     With `full_current_a`, the current [A] of all motors at full throttle: BATTERY_STATUS, then ESC_TELEMETRY_1_TO_4 and
     the like (ArduPilot) or ESC_STATUS (PX4). Then the throttle in VFR_HUD, and the mean of the first four outputs in
     SERVO_OUTPUT_RAW. The battery comes before the controllers, because some of these report a constant current.
-    If none comes any more, the last load stays. It is 0 before the first one.
-    After 10 s without any there is an event. `vehicle`: its name for events.
+    The load is 0 before the first message, and stays after the last one. After 10 s without a message there is an
+    event. `vehicle`: its name for events.
     """
 
     def __init__(self, vehicle: str, session: Session, full_current_a: float | None = None) -> None:
         self.load = 0.0
         self._vehicle = vehicle
         self._session = session
-        self._told_s = math.inf  # the time of the newest one, or from which they are missed
+        self._told_s = math.inf  # the time of the newest message, or the start of the wait
         self._silent = False
         self._full_a: Final = {"battery": full_current_a, "controllers": full_current_a}
         self._told: dict[_Source, dict[int, tuple[float, float]]] = {}  # by number: time and value
@@ -85,7 +85,7 @@ class MotorLoad:
 
 
 def _battery(m: Any) -> Iterator[_Part]:
-    """Unknown currents are -1 cA; PX4 sends -100."""
+    """Use a BATTERY_STATUS. Unknown currents are -1 cA; PX4 sends -100."""
     if m.current_battery >= 0 and m.battery_function in _OF_MOTORS:
         yield "battery", m.id, m.current_battery / 100
 

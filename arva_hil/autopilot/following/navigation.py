@@ -21,9 +21,9 @@ _SETTLE_S: Final = 0.5
 class Plausibility(Generic[T]):
     """Remembers the last value that was accepted, and the last one that was not.
 
-    A value that cannot come after the last accepted one is an outlier. If two outliers in a row fit each other, and the
-    last accepted value is at least 0.5 s old, they replace it: a new start. So a single outlier changes nothing, and of
-    two sources at the same time the first one is used.
+    A value that cannot follow the last accepted one is an outlier. Two outliers in a row that fit each other replace an
+    accepted value that is at least 0.5 s old: a new start. So a single outlier changes nothing, and of two sources at
+    the same time the first one is used.
 
     - `follows(old, new, gap_s)`: returns True if `new` can come `gap_s` after `old`.
     - `best(old, new)`: returns the one of two accepted values to remember; by default the new one.
@@ -62,8 +62,8 @@ class Plausibility(Generic[T]):
 Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
 
 _REORDER_S: Final = 0.5  # a boot time further back than this is a reboot, not a late packet
-_AHEAD_S: Final = 10.0  # boot time may be this far ahead of the expected one,
-_FASTEST: Final = 20.0  # and a simulator's clock may be this much faster than ours
+_AHEAD_S: Final = 10.0  # boot time may be this far ahead of the expected one
+_FASTEST: Final = 20.0  # a simulator's clock may be this many times faster than ours
 _JUMP_M: Final = 100.0  # an estimator may correct itself by this much
 _SPEED_MS: Final = 100.0
 _LOWEST_M: Final = -1_000.0
@@ -79,7 +79,7 @@ HANDLED: Final = frozenset({_POSITION, _ATTITUDE, _QUATERNION, _HOME})  # by `Na
 
 
 class Navigation:
-    """Remembers what the vehicle's own messages say. Times are host seconds.
+    """Remembers the clock, the poses and the home by the vehicle's own messages. Times are host seconds.
 
     `vehicle`: its name in events, which go to `emit`.
 
@@ -154,7 +154,7 @@ class Navigation:
         self.places.forget()
 
     def _on_leap(self, ahead_s: float, now: float) -> None:
-        """Earlier packets were delayed or came from a buffer. The vehicle may be far from where it was then."""
+        """Handle a leap: earlier packets were delayed, so the vehicle may be far from its earlier place."""
         self.leaps += 1
         self.places.forget()
         self._emit(ClockLeapt(now, self._vehicle, ahead_s))
@@ -222,7 +222,7 @@ def is_place(place: Place) -> bool:
 
 
 def _place_follows(old: Place, new: Place, gap_s: float) -> bool:
-    north = (new[0] - old[0]) * _M_PER_DEG  # as `offset_m`: this is asked for each position
+    north = (new[0] - old[0]) * _M_PER_DEG  # `offset_m` inlined: each position comes here
     east = ((new[1] - old[1] + 180) % 360 - 180) * _M_PER_DEG * math.cos(math.radians(old[0]))
     return math.hypot(north, east, new[2] - old[2]) <= _JUMP_M + _SPEED_MS * gap_s
 

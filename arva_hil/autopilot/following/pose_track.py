@@ -1,7 +1,8 @@
 """The pose track: the pose at any instant, from samples of different messages at different rates; and the clock map.
 
-Two recorded square flights gave the limits of extrapolation. Half a second ahead, constant body rates double the
-error of the tilt against rates that stop after 0.15 s. A held heading doubles the error against a constant turn.
+The limits of extrapolation are from two recorded square flights. Half a second ahead, constant body rates double the
+error of the tilt compared with rates that stop after 0.15 s. A held heading doubles the error compared with a constant
+turn.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ def attitude_ahead(sample: AttitudeSample, ahead_s: float) -> Quaternion:
 Vector = NDArray[np.float64]
 
 _KEEP_S: Final = 10.0
-_KEEP_SAMPLES: Final = 8192  # 10 s at the fastest stream there is, twice over
+_KEEP_SAMPLES: Final = 8192  # 20 s at the fastest stream
 _WIDEST_GAP_S: Final = 2.0  # no interpolation between samples that are further apart
 
 

@@ -18,7 +18,7 @@ from arva_hil.mavlink.codec import Packet, decode, dialect
 
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
-_GAP_S: Final = 2.5  # between heartbeats: a vehicle that was away for so long may have forgotten the requests
+_GAP_S: Final = 2.5  # after this gap between heartbeats the vehicle may have forgotten the requests
 _POLL_S: Final = 0.1  # how often requests and time-outs are checked
 
 _ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
@@ -163,7 +163,7 @@ class Session(FollowedVehicle):
         return events
 
     def _on_refused(self, packet: Packet, now: float) -> None:
-        """Report each reason to refuse packets once, with the first sender."""
+        """Report each reason for refused packets once, with the first sender."""
         if packet.refused not in self._disbelieved:
             self._disbelieved.add(packet.refused)
             about = packet.system, packet.component, packet.refused
@@ -233,7 +233,7 @@ class Session(FollowedVehicle):
             self.vehicle = replace(self.vehicle, armed=armed)
         if self.lost:
             self.lost = False
-            self.navigation.home = None  # it may have been moved, or be another vehicle: request its home again
+            self.navigation.home = None  # it may have changed: request it again
             self._events.append(vehicles.VehicleBack(now, self.name, str(self.vehicle)))
 
     def _navigate(self, message: Any, now: float) -> None:

@@ -15,7 +15,7 @@ from arva_hil.mavlink.codec import RESULTS, command, dialect
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # judge a rate after this time
 _SILENT_S: Final = 0.3  # judge a rate after this time if nothing came
-_LOOK_S: Final = 0.2  # after it was fast enough, at least
+_LOOK_S: Final = 0.2  # between two checks of a stream that is fast enough, at least
 _MOST_SEEN: Final = 1024
 _ENOUGH: Final = 0.7  # of the rate requested; a slower stream is requested again
 _ACK_S: Final = 1.0
@@ -49,9 +49,9 @@ class Stream:
     seen: dict[int, deque[float]] = field(default_factory=dict)  # the latest times at which each id came
     tries: int = 0  # requests since it was fast enough
     by_group: bool = False
-    anew: bool = False  # to be requested even if it is fast enough
+    anew: bool = False  # request it even if it is fast enough
     next_ask: float = 0.0
-    needed: bool = True  # if not, it is requested only a few times
+    needed: bool = True  # otherwise it is requested only a few times
     refused: bool = False
 
     def __post_init__(self) -> None:
@@ -118,7 +118,7 @@ class Streams:
         return {stream.name: stream.rate(now, self._since) for stream in self.wanted}
 
     def renew(self, now: float) -> None:
-        """Request all streams again, with the commands that have worked: the vehicle may have forgotten them."""
+        """Request all streams again, with the commands that worked: the vehicle may have forgotten them."""
         self._since = now
         self._pending, self._next_ask = None, 0.0
         self._home_next = now

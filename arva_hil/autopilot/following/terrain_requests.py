@@ -21,7 +21,7 @@ _HEIGHTS_M: Final = (-500.0, 9000.0)
 
 
 class TerrainRequests:
-    """The places with a wanted height, and the answers in `heights` [m AMSL].
+    """Places whose height is wanted, and the answers in `heights` [m AMSL].
 
     Each place is requested until the autopilot answers: it may have to fetch its data first.
     """

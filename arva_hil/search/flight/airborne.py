@@ -133,7 +133,7 @@ class Flight(MissionRun):
             self._team.skip(now)
 
     def wait(self, now: float) -> bool:
-        """Wait on the ground. Returns whether it has to stay there, because another one is above it."""
+        """Wait on the ground. Return True if the vehicle must stay there because another one is above it."""
         self._last_pose_s = now
         self.report_place(now, searching=True)
         return self._team is not None and self._team.under_another
@@ -193,7 +193,7 @@ class Flight(MissionRun):
             self.mission.confirm(now - self._skipped_s)
 
     def report_place(self, now: float, *, searching: bool) -> None:
-        """Report the place of a vehicle that this search does not fly, yet or any more."""
+        """Report the place of a vehicle that this search does not fly: before its launch, or after its end."""
         if self._report is not None:
             self._report.report_left(now, self.origin, self.mission, searching=searching)
 

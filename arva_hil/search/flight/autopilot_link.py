@@ -9,8 +9,8 @@ from typing import Final
 from arva_hil.clock import Clock
 from arva_hil.links import Link, LinkError, Sender
 
-_GAP_S: Final = 1.0  # without reading: another person may have controlled the vehicle meanwhile
-_AT_ONCE: Final = 1 << 18  # the most bytes to read at a time, and
+_GAP_S: Final = 1.0  # after this time without reading, another person may have controlled the vehicle
+_AT_ONCE: Final = 1 << 18  # the most bytes to read at a time
 _AT_ONCE_S: Final = 0.2
 _HELD_UP_S: Final = 0.04  # an order is sent within this time after the link was empty
 _LOOKS: Final = 3
@@ -45,7 +45,7 @@ class AutopilotLink:
         self._losses = self.link.losses
 
     def take_in(self, clock: Clock) -> bool:
-        """Read until the link is empty. Returns whether it is; the rest of a flood is read the next time."""
+        """Read until the link is empty. Return True if it is; the rest of a flood is read the next time."""
         begun = now = clock.now()
         since, read = self._empty_s, 0
         if now - since > _GAP_S and not self._gap:
@@ -70,7 +70,7 @@ class AutopilotLink:
 
         Returns when to call it again because orders were not sent; infinite if there are none.
         """
-        for _ in range(_LOOKS):  # with a stepped clock it is as empty as a moment ago
+        for _ in range(_LOOKS):  # with a stepped clock the link stays as empty as before
             empty = (self._empty_s == clock.now() and not self.link.ready()) or self.take_in(clock)
             out, orders = due(clock.now())
             in_time = empty and clock.now() - self._empty_s <= _HELD_UP_S

@@ -3,8 +3,8 @@
 All searches of a vehicle have the same system and component. ArduPilot does not forward a heartbeat between two links
 that send the same ids, but both autopilots forward a broadcast TUNNEL.
 
-A payload has the version, flags (1: launched), the vehicle's boot time at which the search began to follow it [ms], a
-random number that distinguishes searches, and the name in ASCII. All numbers are little-endian.
+A payload has the version, flags (1: launched), the vehicle's boot time at the start of the search [ms], a random number
+that distinguishes searches, and the name in ASCII. All numbers are little-endian.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _VERSION: Final = 1
 _HEAD: Final = struct.Struct("<BBqQ")
 _LAUNCHED: Final = 1
 _LONGEST: Final = 64  # bytes of a name
-_LATEST: Final = 2**63 - 1  # ms: before the first announcement every other search was first
+_LATEST: Final = 2**63 - 1  # ms, before the own first announcement: every other search precedes
 _EVERY_S: Final = 0.5
 
 
@@ -38,7 +38,7 @@ class Claim(NamedTuple):
     name: str
 
     def precedes(self, other: Claim) -> bool:
-        """Return True if this search gets the vehicle: it flies already, or it began first."""
+        """Return True if this search gets the vehicle: it flies it already, or it began first."""
         return (not self.launched, *self[1:3]) < (not other.launched, *other[1:3])
 
 

@@ -1,6 +1,6 @@
 """The search as a program on an onboard computer: frames from one link, an autopilot on the other, one flight.
 
-It never sees a scenario. It knows only what it reads from its two links.
+It has no scenario, only the bytes of its two links.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ _STEP_S: Final = 0.2
 class SearchClient:
     """One search: it waits for a vehicle and frames, flies, and ends. A task for the loop.
 
-    The receiver's link may be lost and come back at any time, the autopilot's only until it is `launched`. Later it
-    should raise an error when it is lost, because another person may control the vehicle meanwhile.
+    The receiver's link may be lost and come back at any time, the autopilot's only until the vehicle is `launched`.
+    After that a loss must raise an error, because another person may control the vehicle meanwhile.
 
     `permission`: to arm this vehicle; None if all vehicles are simulated. `emit` gets the events, `log` five rows a
     second. `team`: the other searches, if there are several; `tunnel`: to them, if they are other programs. `host`: the
@@ -255,7 +255,7 @@ class SearchClient:
             self._finish(*conclusion(mission))
 
     def _conclude_lost(self) -> None:
-        """End after a loss of control: the pilot has the vehicle, or no one, which is a failure."""
+        """End after a loss of control. If the pilot does not control the vehicle either, the search has failed."""
         commander = self._commander
         assert self._session.vehicle is not None
         if commander.handed_over:

@@ -24,10 +24,10 @@ _LEAST: Final = 2.5  # m²/s, the sum of squared orders: a slower order needs a 
 _OLDEST_S: Final = 30.0
 _GAP_S: Final = 1.0  # between two observations: the check begins again
 _ACCELERATION: Final = 1.0  # m/s², of the slowest vehicle to be expected
-_SETTLED: Final = 0.5  # of the order: the slowest vehicle deviates by less
-_SLOW: Final = 0.2  # of the order, and m/s: less, by the reported velocity, is not followed,
-_DRIFT: Final = 0.5  # nor by the reported position, which drifts
-_ASTRAY: Final = 0.5  # of the order, and m/s: a vehicle that does not follow and is faster flies elsewhere
+_SETTLED: Final = 0.5  # share of the order: the slowest vehicle deviates by less
+_SLOW: Final = 0.2  # share of the order, and m/s: by its velocity, a slower vehicle does not follow
+_DRIFT: Final = 0.5  # the same by its position, which drifts
+_ASTRAY: Final = 0.5  # share of the order, and m/s: a vehicle that does not follow and is faster flies elsewhere
 
 
 class Deviation(NamedTuple):
@@ -69,7 +69,7 @@ class SetPointCheck:
         self._last = None
 
     def observe(self, time_s: float, order: Position, position: Position, velocity: Position) -> Deviation | None:
-        """Use the `order` that leaves now, and the position and velocity that the vehicle reports now.
+        """Use the `order` sent now, and the position and velocity reported now.
 
         Returns the deviation if the vehicle does not follow.
         """
@@ -140,7 +140,7 @@ class Detour:
         return *self._aside, wanted[2]
 
     def observe(self, time_s: float, order: Position, position: Position, velocity: Position) -> Reason | None:
-        """Use the `order` that leaves now, and the motion reported. Return the reason to end the search, or None."""
+        """Use the `order` sent now, and the motion reported now. Return the reason to end the search, or None."""
         deviation = self._check.observe(time_s, order, position, velocity)
         if deviation is None:
             return None

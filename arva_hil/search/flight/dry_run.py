@@ -1,6 +1,6 @@
-"""A search that only reports its orders: from the vehicle on the ground and the frames that come now.
+"""A search that only reports its orders, for a vehicle on the ground and the frames of now.
 
-No message is made here. The commander never gets the order to launch, so it has nothing to send.
+It makes no message: the commander never gets the order to launch.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _PHASE: Final = "dry run"  # in the log
 
 
 class DryRun(MissionRun):
-    """A mission that would be flown. The vehicle is on the ground, or hovers with `take_over`.
+    """A mission that is computed but not flown. The vehicle is on the ground, or hovers with `take_over`.
 
-    Readings are used at the receiver's present place; set-points are for a vehicle at the height of the take-off above
-    it. `worker`: computes; None: in this loop.
+    Readings are those of the receiver's present place. Set-points are for a vehicle at the height of the take-off above
+    that place. `worker`: computes; None: in this loop.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class DryRun(MissionRun):
         self._modes: Modes | None = None
 
     def step(self, now: float, mode: int) -> Refusal | None:
-        """Report the orders that would be sent now. Returns the outcome, None before the end. `mode`: at present."""
+        """Report the orders that would be sent now, in this `mode`. Returns the outcome, None before the end."""
         place = self._session.track.last_position
         if self.mission is None:
             assert self._session.vehicle is not None

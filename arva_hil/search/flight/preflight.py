@@ -1,4 +1,4 @@
-"""A search on the ground: nothing is armed before there is a vehicle with a pose and a receiver that sends."""
+"""A search on the ground. It arms nothing before the vehicle has a pose and the receiver sends frames."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class Preflight:
         self.restart()
 
     def check(self, now: float) -> Refusal | bool:
-        """Return True if all is ready for the flight, False while it is not, a refusal if there will be none."""
+        """Return True if all is ready for the flight, False while it is not, a refusal if it cannot become ready."""
         if self._permission and self._permission.asking:
             self._since += now - self._checked_s
         self._checked_s = now
@@ -202,7 +202,7 @@ class Preflight:
             return Refusal("failed", because(Why.MODE_SET_BY_PROGRAM))
         if session.vehicle.armed and not self._hover:
             self._armed_since = min(self._armed_since, now)
-            if now - self._armed_since < QUIET_S:  # another search that flies it names itself
+            if now - self._armed_since < QUIET_S:  # another search that flies the vehicle announces itself
                 return False
             return Refusal("failed", because(Why.ARMED_ALREADY))
         if self._receiver.silent(now):

@@ -21,7 +21,7 @@ _OLD_S: Final = 1.0  # an older pose is no place of the vehicle
 
 
 class TeamReport:
-    """Remembers the last report. It reports also before the launch and after the search, while the vehicle sends."""
+    """Remembers the last report. It also reports before the launch and after the search, while the vehicle sends."""
 
     def __init__(self, team: Teammate, session: Session, emit: Callable[[Event], None]) -> None:
         self._team = team
@@ -44,7 +44,7 @@ class TeamReport:
         self._lost = set(lost)
 
     def report_left(self, now: float, origin: LocalFrame | None, mission: Mission | None, *, searching: bool) -> None:
-        """Return True if the vehicle stands on the ground before its launch, or is not the search's any more.
+        """Report a vehicle that stands on the ground before its launch, or that the search does not fly any more.
 
         After the search (not `searching`) a pilot may fly it. Once it has landed, it is not reported again.
         """
