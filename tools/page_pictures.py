@@ -78,7 +78,7 @@ def plan(axes: Axes) -> None:
     axes.plot(*np.array([DRONE, [0, 0]]).T, color=GREEN, lw=1.4, ls=(0, (5, 3)))
     first, second = sorted((90 - HEADING_DEG, 90 - line_deg))
     axes.add_patch(Arc(tuple(DRONE), 28, 28, theta1=first, theta2=second, color=BLUE, lw=1.6))
-    axes.scatter(*DRONE, 120, color=INK, zorder=7)
+    axes.scatter(*DRONE, s=120, color=INK, zorder=7)
     tip = DRONE + ray(line_deg, 20)
     label(axes, (float(tip[0]) + 2, float(tip[1]) + 2.5), f"δ = {delta:+.0f}°, along the flux line", BLUE)
     label(axes, (DRONE[0] - 6.5, DRONE[1] + 17), "heading")

@@ -119,9 +119,9 @@ class EmulatedVehicle:
             c = port.counters
             count = c.delivered + c.damaged + c.dropped
             receivers.append(ReceiverStatus(port.name, port.last, count, c.dropped, receiver.seen.transmitters))
-        session = self.session
-        label = session.vehicle.short if session.vehicle else ""
-        return VehicleStatus(self.name, label, session.rates(now), receivers, tuple(session.counts().items()))
+        session, found = self.session, self.session.vehicle
+        label, source = (found.short, (self.link, found.system)) if found else ("", None)
+        return VehicleStatus(self.name, label, session.rates(now), receivers, tuple(session.counts().items()), source)
 
 
 def make_unit(vehicle: VehicleSetup, setup: ReceiverSetup, start: float, phase: float = 0.0) -> Unit:

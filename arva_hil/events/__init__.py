@@ -285,7 +285,7 @@ class VehicleStatus:
     """The status of one vehicle.
 
     `label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name. `counters`: numbers of
-    received and of unused packets by name, from the start.
+    received and of unused packets by name, from the start. `source`: its link and system id, None before it is found.
     """
 
     name: str
@@ -293,6 +293,7 @@ class VehicleStatus:
     rates: Mapping[str, float]
     receivers: Sequence[ReceiverStatus]
     counters: Sequence[tuple[str, int]] = ()
+    source: tuple[str, int] | None = None
 
 
 @dataclass(frozen=True)

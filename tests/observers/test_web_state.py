@@ -63,7 +63,8 @@ def made(
 def status(time_s: float = 1.0, transmitters: Transmitters | None = None, vehicle: str = "vehicle") -> StatusReport:
     receiver = ReceiverStatus("receiver", None, 10, 2, transmitters)
     rates = {"ATTITUDE": 49.6, "GLOBAL_POSITION_INT": 50.0, "OTHER": 0.0}
-    return StatusReport(time_s, [VehicleStatus(vehicle, "quadrotor 1/1", rates, [receiver], (("bad_checksums", 3),))])
+    counters, source = (("bad_checksums", 3),), ("autopilot", 1)
+    return StatusReport(time_s, [VehicleStatus(vehicle, "quadrotor 1/1", rates, [receiver], counters, source)])
 
 
 def transmitters(*places: tuple[float, float, float], roll: float = 0.0, pitch: float = 0.0) -> Transmitters:
@@ -193,9 +194,9 @@ def test_streams_counters_and_links_are_shown() -> None:
     assert shown(state)["links"][0]["open"]
 
 
-def packets(time_s: float, *messages: Any) -> PacketsReceived:
+def packets(time_s: float, *messages: Any, link: str = "autopilot") -> PacketsReceived:
     parser, encoder = Parser(), Encoder(1, 1)
-    return PacketsReceived(time_s, "autopilot", parser.feed(b"".join(map(encoder.pack, messages))))
+    return PacketsReceived(time_s, link, parser.feed(b"".join(map(encoder.pack, messages))))
 
 
 def checks(state: State) -> dict[str, list[str]]:
@@ -209,7 +210,8 @@ def test_the_vehicle_s_own_state_is_shown_with_the_cure() -> None:
     power = dialect.MAVLink_sys_status_message(0, 0, 0, 0, 15100, -1, 12, 0, 0, 0, 0, 0, 0)
     fix = dialect.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 0, 0, 0, 0, 3)
     lost = dialect.MAVLink_ekf_status_report_message(0, 0, 0, 0, 0, 0)
-    state.update([status(), packets(5.0, beat, power, fix, lost)])
+    other = dialect.MAVLink_sys_status_message(0, 0, 0, 0, 15100, -1, 99, 0, 0, 0, 0, 0, 0)
+    state.update([status(), packets(5.0, beat, power, fix, lost), packets(5.0, other, link="autopilot of another")])
     said = checks(state)
     assert said["mode"] == ["good", "GUIDED, armed", ""]
     assert said["battery"] == ["bad", "12 %, 15.1 V", "land, and change the battery"]

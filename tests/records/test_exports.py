@@ -75,6 +75,7 @@ def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(t
     assert style is not None
     assert f"#{style[3]}{style[2]}{style[1]}" == colour
     assert b"<styleUrl>#transmitter1</styleUrl>" in data
+    assert b"href" not in data  # a viewer loads nothing
     places = re.findall(r"coord(?:inates)?>(.*?)<", data.decode())
     assert all(len(number) <= 8 for number in re.findall(r"\d\.(\d+)", " ".join(places)))
 

@@ -54,10 +54,10 @@ class Health:
 
     def vehicles(self, now: float = 0.0) -> list[dict[str, Any]]:
         """Return the vehicles, each with its streams, counters, receivers and checks at time `now`."""
-        every = [self._bare(name) for name in self._labels]
-        if self._report is not None:
-            every = [self._vehicle(status) for status in self._report.vehicles]
-        return [{**vehicle, "checks": self._vitals.checks(vehicle["label"], now)} for vehicle in every]
+        if self._report is None:
+            return [self._bare(name) for name in self._labels]
+        every = self._report.vehicles
+        return [{**self._vehicle(one), "checks": self._vitals.checks(one.source, now)} for one in every]
 
     def links(self) -> list[dict[str, Any]]:
         """Return the links, each with address, state, and number and reason of its losses."""
@@ -87,6 +87,7 @@ class Health:
             "streams": [],
             "counters": {},
             "receivers": [],
+            "checks": [],
         }
 
     def _on_link(self, event: events.LinkEvent) -> None:

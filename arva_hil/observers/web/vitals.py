@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
@@ -30,6 +29,9 @@ _ABSOLUTE: Final = dialect.EKF_POS_HORIZ_ABS  # the same bit as ESTIMATOR_POS_HO
 _WRONG: Final = 0.8  # a variance, or a test ratio, that ArduPilot calls bad
 
 
+Source = tuple[str, int]  # link, system id
+
+
 class Check(NamedTuple):
     """A line of the health. `level`: good, warn or bad. `cure`: "" if nothing is wrong."""
 
@@ -40,34 +42,33 @@ class Check(NamedTuple):
 
 
 class Vitals:
-    """Remembers the newest packets of each autopilot, by its system id."""
+    """Remembers the newest packets of each autopilot, by its link and system id."""
 
     def __init__(self) -> None:
-        self._heard_s: dict[int, float] = {}
-        self._newest: dict[int, dict[int, Packet]] = {}  # by system and message
+        self._heard_s: dict[Source, float] = {}
+        self._newest: dict[Source, dict[int, Packet]] = {}  # by message
 
     def on_packets(self, event: PacketsReceived) -> None:
         """Keep the newest packets of each kind."""
         for time_s, packets in ((event.time_s, event.packets), *event.later):
             for packet in packets:
                 if packet.component == _AUTOPILOT and not packet.refused:
-                    self._heard_s[packet.system] = time_s
+                    source = event.link, packet.system
+                    self._heard_s[source] = time_s
                     if packet.msgid in _USED:
-                        self._newest.setdefault(packet.system, {})[packet.msgid] = packet
+                        self._newest.setdefault(source, {})[packet.msgid] = packet
 
     def forget(self) -> None:
         """Forget all vehicles."""
         self._heard_s.clear()
         self._newest.clear()
 
-    def checks(self, label: str, now: float) -> list[Check]:
-        """Return the lines of the vehicle with this label, which ends with its ids; none of what it does not report."""
-        ids = re.search(r"(\d+)/\d+$", label)
-        system = int(ids[1]) if ids else -1
-        if system not in self._heard_s:
+    def checks(self, source: Source | None, now: float) -> list[Check]:
+        """Return the lines of a vehicle; none of what it does not report."""
+        if source not in self._heard_s:
             return []
-        said = {id_: decode(packet) for id_, packet in self._newest.get(system, {}).items()}
-        age_s = max(0.0, now - self._heard_s[system])
+        said = {id_: decode(packet) for id_, packet in self._newest.get(source, {}).items()}
+        age_s = max(0.0, now - self._heard_s[source])
         cure = "" if age_s < _OLD_S else "is it powered, and in range of its link?"
         lines = [_mode(said), _battery(said), _gps(said), _estimator(said)]
         lines.append(Check("bad" if cure else "good", "link", f"{age_s:.1f} s ago", cure))

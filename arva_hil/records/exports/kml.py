@@ -18,8 +18,7 @@ _HEAD: Final = """<?xml version="1.0" encoding="UTF-8"?>
 _STYLES: Final = """<Style id="receiver"><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>
 <Style id="search"><LineStyle><color>ff009fe6</color><width>2</width></LineStyle></Style>
 <Style id="found">
-<IconStyle><color>ff005ed5</color><scale>1.2</scale>
-<Icon><href>http://maps.google.com/mapfiles/kml/shapes/flag.png</href></Icon></IconStyle>
+<IconStyle><color>ff005ed5</color><scale>1.2</scale></IconStyle>
 <LineStyle><color>ff005ed5</color><width>2</width></LineStyle><PolyStyle><color>40005ed5</color></PolyStyle></Style>
 """
 _SCHEMA: Final = """<Schema id="reading">
@@ -52,11 +51,10 @@ def _parts(recording: Recording) -> Iterator[str]:
 
 
 def _look(id_: int | None) -> str:
-    """Return the style of a transmitter: its colour in all pictures, and an icon that viewers have."""
+    """Return the style of a transmitter: the viewer's pin in the transmitter's colour of all pictures."""
     red, green, blue = (look_of(id_)[0][i : i + 2] for i in (1, 3, 5))
-    icon = "<Icon><href>http://maps.google.com/mapfiles/kml/shapes/donut.png</href></Icon>"
     colour = f"<color>ff{blue}{green}{red}</color><scale>1.1</scale>"
-    return f'<Style id="transmitter{id_}"><IconStyle>{colour}{icon}</IconStyle></Style>\n'
+    return f'<Style id="transmitter{id_}"><IconStyle>{colour}</IconStyle></Style>\n'
 
 
 def _mark(mark: Landmark) -> Iterator[str]:

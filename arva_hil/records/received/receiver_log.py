@@ -163,8 +163,9 @@ class ReceiverLog:
     def _status(self) -> StatusReport:
         session, now = self.session, self._now
         receiver = ReceiverStatus(_ABOUT[1], self._last, self.frames, 0, self.world.at(now).transmitters)
-        label = session.vehicle.short if session.vehicle else ""
-        return StatusReport(now, [VehicleStatus(_ABOUT[0], label, session.rates(now), [receiver])])
+        found = session.vehicle
+        label, source = (found.short, (AUTOPILOT, found.system)) if found else ("", None)
+        return StatusReport(now, [VehicleStatus(_ABOUT[0], label, session.rates(now), [receiver], (), source)])
 
     def _on_receiver(self, data: bytes, now: float) -> None:
         frames = self.decoder.feed(data, now)
