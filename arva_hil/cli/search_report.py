@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from arva_hil import __version__
 from arva_hil.cli.outcome import FAILED, NO_LINK, OK, USAGE
-from arva_hil.cli.victims_report import name, victims_as_dicts, victims_found, where
+from arva_hil.cli.victims_report import name, on_earth, place_as_dict, victims_as_dicts, victims_found, where
 from arva_hil.clock import utc
 from arva_hil.events import Event
 from arva_hil.events.event_json import event_object
@@ -68,16 +68,15 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
     elif found is None:
         lines = [f"{how}; nothing found" if outcome.frames and outcome.kind == "failed" else how]
     else:
-        place = where(found)
+        place = where(found, outcome.from_drone)
         first = f"found {name(outcome.id)}: {place}"
         if outcome.kind == "not sure":
             first = f"{how}, {name(outcome.id)} at {place}"
         elif outcome.how != (because(Why.FOUND),):
             first += f", but {how}"
         lines = [first]
-    if outcome.lat_lon and outcome.wanted == 1:
-        lat, lon = outcome.lat_lon
-        lines.append(f"position: {lat:.7f}, {lon:.7f}")
+    if found and outcome.lat_lon and outcome.wanted == 1:
+        lines.append(on_earth(outcome.lat_lon, found, outcome.accuracy))
     if outcome.frames:
         lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
     for id_, heard in outcome.others:
@@ -116,7 +115,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         "outcome": outcome.kind,
         "how": in_words(outcome.how),
         "id": None if outcome.id == NO_ID else outcome.id,
-        "found": None if found is None else {**found._asdict(), "lat_lon": outcome.lat_lon},
+        "found": found and place_as_dict(found, outcome.lat_lon, outcome.accuracy) | {"from_drone": outcome.from_drone},
         "origin": outcome.origin,
         "time_s": outcome.time_s,
         "path_m": outcome.path_m,

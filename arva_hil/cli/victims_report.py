@@ -9,10 +9,11 @@ from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.text import sigma
 from arva_hil.model.field.geodesy import LocalFrame
+from arva_hil.search.mission.accuracy import Accuracy
 from arva_hil.search.mission.choice import NO_ID
 from arva_hil.search.mission.outcome import Outcome, lla
 from arva_hil.search.mission.victims import Victim
-from arva_hil.search.strategies.strategy import Found
+from arva_hil.search.strategies.strategy import Found, sigma_of
 
 
 def name(id_: int | None) -> str:
@@ -20,10 +21,36 @@ def name(id_: int | None) -> str:
     return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"
 
 
-def where(found: Found) -> str:
-    """Return a place from the take-off point, with its sigma."""
-    spread = f" ± {sigma(found.sigma)}" if found.sigma is not None else ""
-    return f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point{spread}"
+def where(found: Found, from_drone: tuple[float, float] | None = None) -> str:
+    """Return a place from the take-off point, and relative to the drone with its sigma [m]."""
+    place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
+    spread = "" if found.relative_sigma is None else f" ± {sigma(found.relative_sigma)}"
+    if from_drone is not None:
+        north, east = from_drone
+        return f"{place}; {north:z.1f} m north, {east:z.1f} m east of the drone{spread}"
+    return place + (spread and f";{spread} relative to the drone")
+
+
+def on_earth(lat_lon: tuple[float, float], found: Found, accuracy: Accuracy) -> str:
+    """Return a position on Earth, with its sigma."""
+    metres = sigma_of(accuracy.of(found.covariance))
+    spread = "" if metres is None else f" ± {sigma(metres)} on Earth"
+    unknown = "" if accuracy.reported else ", or more: the autopilot does not report its accuracy"
+    return f"position: {lat_lon[0]:.7f}, {lat_lon[1]:.7f}{spread}{unknown if spread else ''}"
+
+
+def place_as_dict(found: Found, lat_lon: tuple[float, float] | None, accuracy: Accuracy) -> dict[str, Any]:
+    """Return a place as a JSON object.
+
+    `relative_covariance`: of the place relative to the drone; `earth_covariance`: of the position on Earth [m²].
+    """
+    return {
+        **found._asdict(),
+        "lat_lon": lat_lon,
+        "relative_covariance": found.relative_covariance,
+        "earth_covariance": accuracy.of(found.covariance),
+        "autopilot_sigma_m": accuracy.sigma_m if accuracy.reported else None,
+    }
 
 
 def victims_found(outcome: Outcome) -> list[str]:
@@ -39,8 +66,7 @@ def victims_found(outcome: Outcome) -> list[str]:
     for number, victim in enumerate(outcome.victims, 1):
         lines.append(f"{number}. {name(victim.id)}: {where(victim.found)}{_about(victim)}")
         if origin:
-            lat, lon = _lat_lon(origin, victim.found)
-            lines.append(f"   position: {lat:.7f}, {lon:.7f}")
+            lines.append(f"   {on_earth(_lat_lon(origin, victim.found), victim.found, outcome.accuracy)}")
     return lines
 
 
@@ -50,8 +76,7 @@ def victims_as_dicts(outcome: Outcome) -> list[dict[str, Any]]:
     return [
         {
             "id": None if victim.id == NO_ID else victim.id,
-            **victim.found._asdict(),
-            "lat_lon": _lat_lon(origin, victim.found) if origin else None,
+            **place_as_dict(victim.found, _lat_lon(origin, victim.found) if origin else None, outcome.accuracy),
             "sure": victim.sure,
             "marked": victim.marked,
             "time_s": victim.time_s,

@@ -277,12 +277,19 @@ class BeliefChanged(TransmitterEvent):
 
 
 class PlaceFound(TransmitterEvent):
-    """The search ends above this place, or records it. `covariance`: as above. `sure`: the readings agree with it."""
+    """The search ends above this place, or records it.
+
+    - `covariance`: as above, in the positions that the vehicle estimates. `sure`: the readings agree with the place.
+    - `relative_covariance`: of the place relative to the vehicle.
+    - `earth_covariance`: of the position on Earth, with the error of the vehicle's own position.
+    """
 
     north_m: float
     east_m: float
     covariance: tuple[float, float, float] | None
     sure: bool
+    relative_covariance: tuple[float, float, float] | None = None
+    earth_covariance: tuple[float, float, float] | None = None
 
 
 class VictimNoted(TransmitterEvent):

@@ -78,7 +78,7 @@ class GroundStation:
             north, east, _ = max(event.hypotheses, key=lambda one: one[2])
             self._place = _ShownPlace(event.transmitter, north, east, sigma_of(event.covariance), False)
         elif isinstance(event, searches.PlaceFound):
-            sigma = sigma_of(event.covariance)
+            sigma = sigma_of(event.relative_covariance or event.covariance)
             self._place = _ShownPlace(event.transmitter, event.north_m, event.east_m, sigma, True)
             self._due_s = -math.inf  # at once
         elif isinstance(event, searches.TransmitterChosen) and self._place and self._place.found:

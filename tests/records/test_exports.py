@@ -94,7 +94,8 @@ def test_each_place_of_several_is_there_with_its_ellipse_and_its_order(tmp_path:
         "place found: transmitter 3",
         "place found: transmitter 3, 95 %",
     ]
-    assert marks["place found: transmitter 7"].description.startswith("1 of 2 in the order of probing; 2 of 2; 95% ")
+    first = marks["place found: transmitter 7"].description
+    assert first.startswith("1 of 2 in the order of probing; 2 of 2; on Earth 95% ")
     assert marks["place found: transmitter 3"].description.startswith("2 of 2 in the order of probing; not sure; ")
     gpx = gpxpy.parse(exported("gpx", recording).decode())
     assert [point.latitude for point in gpx.waypoints] == [46.0007, 46.0003]

@@ -66,7 +66,7 @@ def test_the_place_found_is_compared_with_the_truth(tmp_path: Path) -> None:
     assert errors_m(recording) == pytest.approx({0: np.hypot(0.5, 0.25)}, abs=1e-3)
     search = facts(recording)["What the search found"]
     assert search["error"] == "0.56 m from the transmitter, horizontally"
-    assert search["95 % inside"] == "1.00 m × 0.44 m, long axis 13°"
+    assert search["on Earth, 95 % inside"] == "1.00 m × 0.44 m, long axis 13°"
     assert (search["time"], search["path"], search["frames"]) == ("22 s", "22 m", "30")
 
 

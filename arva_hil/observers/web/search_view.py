@@ -159,6 +159,8 @@ class SearchView:
                 "place": place,
                 "from_take_off": [_rounded(found.north_m), _rounded(found.east_m)],
                 "covariance": _covariance(found.covariance),
+                "relative_covariance": _covariance(found.relative_covariance),
+                "earth_covariance": _covariance(found.earth_covariance),
                 "sure": found.sure,
             }
         return made

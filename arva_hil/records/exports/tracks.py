@@ -18,6 +18,7 @@ from arva_hil.events.words.text import in_metres
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.records.reading.search import RecordedPlace, RecordedSearch
+from arva_hil.search.strategies.strategy import sigma_of
 
 Floats = NDArray[np.float64]
 Lla = tuple[float, float, float]
@@ -132,9 +133,11 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, lat_lon: tuple[fl
     if ellipse := found.ellipse(PROBABILITY):
         major, minor, bearing = ellipse
         about = (
-            f"{order}{search.how}; {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × {in_metres(minor)} "
-            f"(semi-axes), long axis {math.degrees(bearing) % 180:.0f}°"
+            f"{order}{search.how}; on Earth {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × "
+            f"{in_metres(minor)} (semi-axes), long axis {math.degrees(bearing) % 180:.0f}°"
         )
+        if (spread := sigma_of(found.relative_covariance)) is not None:
+            about += f"; relative to the drone ± {in_metres(spread)}"
     id_ = found.id if search.victims else search.target
     name = "place found" if id_ is None else f"place found: transmitter {id_}"
     lat, lon, alt = rounded(np.array([*lat_lon, alt])).tolist()

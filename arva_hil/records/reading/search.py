@@ -28,7 +28,8 @@ class RecordedPlace:
     """The place that a search reports, metres from the take-off point, NED; `lat_lon` in degrees, None if not known.
 
     `covariance`: of north and east, m² (nn, ne, ee); None: the strategy does not say how sure it is. `id`: of the
-    transmitter, None if it is not known; `sure`: the readings agree with the place.
+    transmitter, None if it is not known; `sure`: the readings agree with the place. `relative_covariance`: of the place
+    relative to the drone; `earth_covariance`: of the position on Earth; None in old logs.
     """
 
     north: float
@@ -38,16 +39,18 @@ class RecordedPlace:
     lat_lon: tuple[float, float] | None
     id: int | None = None
     sure: bool = True
+    relative_covariance: tuple[float, float, float] | None = None
+    earth_covariance: tuple[float, float, float] | None = None
 
     def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
-        """Return the ellipse in which the transmitter is with this probability, if the errors are normal.
+        """Return the ellipse on Earth in which the transmitter is with this probability, if the errors are normal.
 
         Semi-major and semi-minor axis [m], and the bearing of the major axis from north [rad]; None without a
-        covariance.
+        covariance. In old logs it is without the error of the drone's own position.
         """
-        if self.covariance is None:
+        if (covariance := self.earth_covariance or self.covariance) is None:
             return None
-        nn, ne, ee = self.covariance
+        nn, ne, ee = covariance
         values, vectors = np.linalg.eigh([[nn, ne], [ne, ee]])
         size = math.sqrt(-2 * math.log(1 - probability))
         minor, major = (size * math.sqrt(max(float(value), 0.0)) for value in values)
@@ -173,6 +176,5 @@ def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
     down, covariance = number(found.get("down")), triple(found.get("covariance"))
     id_ = about.get("id")
     whose = id_ if isinstance(id_, int) and id_ >= 0 else None
-    return RecordedPlace(
-        north, east, down, covariance, pair(found.get("lat_lon")), whose, about.get("sure") is not False
-    )
+    sure, more = about.get("sure") is not False, [triple(found.get(f"{of}_covariance")) for of in ("relative", "earth")]
+    return RecordedPlace(north, east, down, covariance, pair(found.get("lat_lon")), whose, sure, *more)

@@ -16,6 +16,7 @@ from arva_hil.records.reading.search import RecordedPlace
 from arva_hil.records.reading.streams import streams
 from arva_hil.records.reading.values import mapping, number
 from arva_hil.safe_text import one_line
+from arva_hil.search.strategies.strategy import sigma_of
 
 Facts = Mapping[str, Mapping[str, str]]  # heading → label → value
 
@@ -132,9 +133,11 @@ def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str
     if ellipse := found.ellipse():
         major, minor, bearing = ellipse
         angle = math.degrees(bearing) % 180
-        yield "95 % inside", f"{in_metres(major)} × {in_metres(minor)}, long axis {angle:.0f}°"
+        yield "on Earth, 95 % inside", f"{in_metres(major)} × {in_metres(minor)}, long axis {angle:.0f}°"
     else:
-        yield "95 % inside", "the strategy does not say how sure it is"
+        yield "on Earth, 95 % inside", "the strategy does not say how sure it is"
+    if (spread := sigma_of(found.relative_covariance)) is not None:
+        yield "relative to the drone", f"± {in_metres(spread)}"
     if error is not None:
         yield "error", f"{in_metres(error)} from the transmitter, horizontally"
 

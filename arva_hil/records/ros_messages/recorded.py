@@ -115,7 +115,8 @@ def _of_search(search: RecordedSearch, run: RunMessages, epoch_us: int) -> Itera
         heard = FrameHeard(times[n], Frame(0, 0, (channel,)), place, float(search.heading_deg[n]) if place else None)
         yield from made.of_event(heard, run.world)
     if (found := search.found) is not None and times:
-        place_found = PlaceFound(times[-1], search.target, found.north, found.east, found.covariance, True)
+        spread = found.covariance, True, found.relative_covariance, found.earth_covariance
+        place_found = PlaceFound(times[-1], search.target, found.north, found.east, *spread)
         yield from made.of_event(place_found, run.world)
 
 

@@ -116,7 +116,7 @@ class SearchMessages:
             shapes.append(markers.ellipse(ground, "95 %", frames.point(place), found.covariance))
         made = [self._shapes(stamp, shapes)]
         if self._origin:
-            made.append(Publication(FOUND, stamp, self._fix(ground, place, found.covariance)))
+            made.append(Publication(FOUND, stamp, self._fix(ground, place, found.earth_covariance or found.covariance)))
         return made
 
     def _shapes(self, stamp: int, shapes: list[ros.Marker]) -> Publication:

@@ -26,6 +26,7 @@ from arva_hil.search.flight.dry_run import DryRun
 from arva_hil.search.flight.permission import Permission
 from arva_hil.search.flight.preflight import Preflight
 from arva_hil.search.flight.receiver_link import ReceiverLink
+from arva_hil.search.mission.accuracy import PositionAccuracy
 from arva_hil.search.mission.ground import Ground
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import Kind, Outcome, Refusal, SearchStep, conclusion, kind_of, outcome_of
@@ -84,6 +85,7 @@ class SearchClient:
         needed = autopilot, self._receiver, self._commander.battery, self._commander.sticks, permission
         self._preflight = Preflight(plan, session, *needed, start=start, emit=emit_later)
         self._ground = Ground(session, plan, emit_later)
+        self._accuracy = PositionAccuracy(session)
         flown, host_of = (plan, session, self._commander, self._ground), self._receiver.host
         self._flight = Flight(*flown, start=start, emit=emit_later, log=log, team=team, host=host_of, worker=worker)
         self._dry_run: DryRun | None = None
@@ -158,6 +160,9 @@ class SearchClient:
         self._preflight.on_packets(received)
         self._commander.on_packets(received, now, since)
         self._ground.on_packets(received, now)
+        self._accuracy.on_packets(received)
+        if self.mission:
+            self.mission.accuracy = self._accuracy.worst
         senders = self._session.senders
         self._line.link.follow(senders.vehicle, senders.candidates)
 

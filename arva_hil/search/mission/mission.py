@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound
+from arva_hil.search.mission.accuracy import UNKNOWN
 from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations
 from arva_hil.search.mission.ground import Height
 from arva_hil.search.mission.height import Descent, HeightKeeper, descent_of
@@ -40,21 +41,21 @@ _LONG_S: Final = 240.0  # leave a transmitter to the team after this time
 
 
 class Progress:
-    """The time, the way and the frames of a search."""
+    """The time, the way and the frames of a search, and the newest position of the vehicle."""
 
     def __init__(self, start_s: float, position: Position) -> None:
         self.searched_s = 0.0
         self.path_m = 0.0  # horizontally
         self.frames = 0
         self._start_s = start_s
-        self._position = position
+        self.position = position
 
     def move(self, time_s: float, position: Position, *, searching: bool) -> None:
         """Note the place of the vehicle. `searching`: the time counts."""
         if searching:
             self.searched_s = time_s - self._start_s
-        self.path_m += math.dist(position[:2], self._position[:2])
-        self._position = position
+        self.path_m += math.dist(position[:2], self.position[:2])
+        self.position = position
 
 
 class Mission:
@@ -65,7 +66,7 @@ class Mission:
     - `progress`: since the end of the take-off, at `start_s`.
     - `land`: after the search it descends onto the place found, until `over`, when only landing or hovering is left.
     - `choice`: the transmitters received, and the one that it flies to.
-    - `emit`: gets the events.
+    - `emit`: gets the events. `accuracy`: of the vehicle's position on Earth, set from outside.
     - `team`: the other searches; transmitters of theirs are passed by.
     - `host`: commands to the receiver.
     - `worker`: computes; None: in this loop.
@@ -89,6 +90,7 @@ class Mission:
         self.ended: Reason | None = None
         self.broken = False
         self.found: Found | None = None  # it flies above this place, to end there or to record it
+        self.accuracy = UNKNOWN
         self.sure = True
         self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
@@ -317,8 +319,9 @@ class Mission:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self.found, self.sure, self._dipole = answer.found, answer.sure, answer.dipole
-            north, east, _, covariance, _ = answer.found
-            self._emit(PlaceFound(time_s, id_of(target), north, east, covariance, answer.sure))
+            (north, east), covariance, relative = self.found[:2], self.found.covariance, self.found.relative_covariance
+            on_earth = self.accuracy.of(covariance)
+            self._emit(PlaceFound(time_s, id_of(target), north, east, covariance, answer.sure, relative, on_earth))
         if answer.belief is not None and time_s >= self._belief_s:
             self._belief_s = time_s + _BELIEF_S
             self._emit(BeliefChanged(time_s, id_of(target), *answer.belief))

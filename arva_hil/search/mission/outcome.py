@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.model.field.geodesy import LocalFrame
+from arva_hil.search.mission.accuracy import UNKNOWN, Accuracy
 from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.victims import Victim, probing_order
@@ -44,6 +45,8 @@ class Outcome:
     others: tuple[tuple[int, HeardTransmitter], ...] = ()
     victims: tuple[Victim, ...] = ()
     wanted: int | None = 1  # how many were searched for; None: all
+    from_drone: tuple[float, float] | None = None  # of `found`: north and east of the drone at the end, m
+    accuracy: Accuracy = UNKNOWN  # of the drone's position on Earth
 
 
 class SearchStep(NamedTuple):
@@ -99,4 +102,21 @@ def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tup
         lat_lon = None if found is None else lla(origin, found.north, found.east, found.down or 0.0)[:2]
     done, others = mission.progress, tuple(mission.others.items())
     flown = done.searched_s, done.path_m, done.frames
-    return Outcome(kind, how, id_, found, lat_lon, take_off, *flown, others, victims, mission.plan.victims)
+    from_drone = None
+    if found is not None:
+        north, east, _ = done.position
+        from_drone = found.goal[0] - north, found.goal[1] - east
+    return Outcome(
+        kind,
+        how,
+        id_,
+        found,
+        lat_lon,
+        take_off,
+        *flown,
+        others,
+        victims,
+        mission.plan.victims,
+        from_drone=from_drone,
+        accuracy=mission.accuracy,
+    )

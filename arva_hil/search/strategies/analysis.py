@@ -23,7 +23,7 @@ from arva_hil.errors import ArvaError
 from arva_hil.safe_text import shown
 from arva_hil.search.strategies.agreement import Evidence
 from arva_hil.search.strategies.explained import dipole_at
-from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Strategy, Velocity
+from arva_hil.search.strategies.strategy import Belief, Covariance, Found, Observation, Position, Strategy, Velocity
 
 _REMEMBERED: Final = 256  # observations of each transmitter
 _NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
@@ -255,16 +255,21 @@ def killed(exit_code: int | None) -> str:
 
 def _sound(found: Found) -> Found | None:
     """Return the place without its invalid other values."""
-    north, east, down, covariance, now = found
+    north, east, down, covariance, now, now_covariance = found
     if not math.isfinite(north + east):
         return None
     if down is not None and not math.isfinite(down):
         down = None
-    if covariance is not None and not (math.isfinite(sum(covariance)) and min(covariance[0], covariance[2]) >= 0):
-        covariance = None
     if now is not None and not math.isfinite(math.hypot(*now)):
         now = None
-    return Found(north, east, down, covariance, now)
+    return Found(north, east, down, _finite(covariance), now, _finite(now_covariance))
+
+
+def _finite(covariance: Covariance | None) -> Covariance | None:
+    """Return a covariance (nn, ne, ee), None if it is not valid."""
+    if covariance is None or not (math.isfinite(sum(covariance)) and min(covariance[0], covariance[2]) >= 0):
+        return None
+    return covariance
 
 
 def _shown(thing: Any) -> str:

@@ -93,9 +93,9 @@ class Hypotheses:
         if not self.drifts:
             return Found(north, east, down, (nn, ne, ee))
         best = self.drifts[0]  # not where it seems to be now, but where it was all the time
-        (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
+        (all_nn, all_ne), (_, all_ee) = best.covariance[:2, :2].tolist()
         mean_north, mean_east, mean_down = best.x[:3].tolist()
-        return Found(mean_north, mean_east, mean_down, (nn, ne, ee), (north, east))
+        return Found(mean_north, mean_east, mean_down, (all_nn, all_ne, all_ee), (north, east), (nn, ne, ee))
 
     def seed(self, o: Observation) -> None:
         """Add those that agree with a reading."""

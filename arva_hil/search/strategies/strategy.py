@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 Velocity = tuple[float, float]  # north, east; m/s
 Position = tuple[float, float, float]  # NED, m
+Covariance = tuple[float, float, float]  # of north and east, m²: nn, ne, ee
 
 STILL: Velocity = (0.0, 0.0)
 
@@ -68,7 +69,7 @@ class Observation(NamedTuple):
         return heading + math.radians(self.delta_deg)
 
 
-def sigma_of(covariance: tuple[float, float, float] | None) -> float | None:
+def sigma_of(covariance: Covariance | None) -> float | None:
     """Return the largest standard deviation of all horizontal directions [m], for (nn, ne, ee) [m²]."""
     if covariance is None:
         return None
@@ -80,13 +81,15 @@ class Found(NamedTuple):
     """The place of a transmitter from the take-off point [m]. `covariance`: of north and east [m²], (nn, ne, ee).
 
     `now`: where it is in the places that are reported now, if those drift: north, east. The vehicle flies there.
+    `now_covariance`: of the goal in the places reported now, so of the place relative to the drone; None: `covariance`.
     """
 
     north: float
     east: float
     down: float | None = None
-    covariance: tuple[float, float, float] | None = None
+    covariance: Covariance | None = None
     now: tuple[float, float] | None = None
+    now_covariance: Covariance | None = None
 
     @property
     def goal(self) -> tuple[float, float]:
@@ -94,9 +97,19 @@ class Found(NamedTuple):
         return self.now or (self.north, self.east)
 
     @property
+    def relative_covariance(self) -> Covariance | None:
+        """The covariance of the place relative to the drone, of north and east [m²]."""
+        return self.now_covariance or self.covariance
+
+    @property
     def sigma(self) -> float | None:
         """The largest standard deviation of all horizontal directions [m]."""
         return sigma_of(self.covariance)
+
+    @property
+    def relative_sigma(self) -> float | None:
+        """The same of the place relative to the drone."""
+        return sigma_of(self.relative_covariance)
 
 
 class Belief(NamedTuple):
@@ -107,7 +120,7 @@ class Belief(NamedTuple):
     """
 
     hypotheses: tuple[tuple[float, float, float], ...] = ()
-    covariance: tuple[float, float, float] | None = None
+    covariance: Covariance | None = None
     goal: tuple[float, float] | None = None
 
 

@@ -110,8 +110,9 @@ export function showSearch(search, truth, transmitters, team) {
   } else if (search.mean) {
     rows.push(["estimate", placed(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
   }
-  const covariance = search.found?.covariance ?? search.covariance;
-  if (covariance) rows.push(["uncertainty", `± ${precise(axes(covariance).a, 1)}`]);
+  const relative = search.found ? search.found.relative_covariance ?? search.found.covariance : search.covariance;
+  if (relative) rows.push(["from the drone", `± ${precise(axes(relative).a, 1)}`]);
+  if (search.found?.earth_covariance) rows.push(["on Earth", `± ${precise(axes(search.found.earth_covariance).a, 1)}`]);
   const believed = search.found?.place ?? search.mean, id = search.found?.id ?? search.target;
   const real = transmitters.find((one) => one.id === id) ?? (transmitters.length === 1 ? transmitters[0] : null);
   if (truth && believed && real) rows.push(["off the truth", precise(Math.hypot(believed[0] - real.place[0], believed[1] - real.place[1]), 2)]);
