@@ -102,9 +102,9 @@ class Bench:
 
         Zeros behind it: or a false start of a packet in it would hold up what the vehicle says next.
         """
-        before = self.session.track.last_position, self.session.vehicle, self.session.home
+        before = self.session.navigation.track.last_position, self.session.vehicle, self.session.navigation.home
         self.session.feed(data + bytes(300), self.now)
-        if before != (self.session.track.last_position, self.session.vehicle, self.session.home):
+        if before != (self.session.navigation.track.last_position, self.session.vehicle, self.session.navigation.home):
             self.wrong["believed others"] += 1
         self._check("took another's pose")
 

@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, Self
 
 import numpy as np
 
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.bench.path_vehicle import PathPoint, PathVehicle
 from arva_hil.bench.ports import BenchError, BenchPort
@@ -26,7 +26,7 @@ from arva_hil.emulator.receivers import Mounting
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.events import FrameMade
 from arva_hil.links import Link, open_link
-from arva_hil.model.field import quaternion
+from arva_hil.model.field import rotation
 from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
@@ -175,7 +175,7 @@ class Bench:
             state = VehicleState(now, np.array(motion.ned), np.array(motion.velocity), motion.quaternion, 0.0)
             pose = self._mounting.pose(state, now, swings=False)
             there = self._followed.world.at(now).transmitters
-            yaw_deg = math.degrees(quaternion.heading(motion.quaternion)) % 360
+            yaw_deg = math.degrees(rotation.heading(motion.quaternion)) % 360
             ranges = {id_: float(one) for id_, one in there.ranges(pose.position).items()} if pose else {}
             return BenchTruth(now, motion.ned, yaw_deg, motion.quaternion, ranges)
 

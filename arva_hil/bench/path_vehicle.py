@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.dialect import constructor
-from arva_hil.model.field import quaternion
+from arva_hil.model.field import rotation
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.position import Home
 from arva_hil.simulated.vehicle import Truth
@@ -84,7 +84,7 @@ class PathVehicle:
     def truth(self, now: float) -> Truth:
         """Return the exact motion at `now`."""
         ned, velocity, yaw = self._at(now)
-        return Truth(ned, velocity, quaternion.from_euler(0.0, 0.0, yaw), _STILL, self._home.lla_fast(ned))
+        return Truth(ned, velocity, rotation.from_angles(0.0, 0.0, yaw), _STILL, self._home.lla_fast(ned))
 
     def _at(self, now: float) -> tuple[Vector, Vector, float]:
         """Return position, velocity and yaw."""

@@ -237,10 +237,10 @@ class Doctor:
             add(diagnosis.stream(stream))
         if (slow := diagnosis.slowest(streams)) is not None:
             self.right["stream_rate"] = str(slow)
-        last = session.track.last_position
+        last = session.navigation.track.last_position
         place = (last.lat, last.lon, last.alt) if last else None
         add(diagnosis.position(place, session.navigation.unpositioned, session.navigation.refused, probe.fix))
-        add(diagnosis.home(session.home, armed=vehicle.armed))
+        add(diagnosis.home(session.navigation.home, armed=vehicle.armed))
         state = session.navigation.state_at(now, last.frame) if last else None
         add(diagnosis.pose(state.age_s if state else None))
         add(diagnosis.clock(probe.lags(now), session.navigation.reboots))

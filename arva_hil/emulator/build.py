@@ -21,7 +21,6 @@ from arva_hil.model.field import (
     Transmitters,
     Waypoints,
     keying,
-    quaternion,
     rotation,
 )
 from arva_hil.model.field.medium import AIR, Medium, skin_depth_m
@@ -132,9 +131,9 @@ def _medium(options: config.MediumOptions | None, ground: Sequence[float | None]
     return Medium(options.dipole, depth_m, np.nan_to_num(surface))
 
 
-def _quaternion(degrees: tuple[float, float, float]) -> quaternion.Quaternion:
+def _quaternion(degrees: tuple[float, float, float]) -> rotation.Quaternion:
     roll, pitch, yaw = degrees
-    return quaternion.from_euler(math.radians(roll), math.radians(pitch), math.radians(yaw))
+    return rotation.from_angles(math.radians(roll), math.radians(pitch), math.radians(yaw))
 
 
 def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float]:

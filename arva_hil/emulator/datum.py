@@ -124,7 +124,7 @@ class Datum:
 
     def _take_position(self, session: Session, now: float) -> bool:
         """Use the first position if no home has come in time."""
-        first, life = session.track.first_position, (self._reboots, session.navigation.jumps)
+        first, life = session.navigation.track.first_position, (self._reboots, session.navigation.jumps)
         if first is None:
             self._first_position_at = None
         if first is None or (self.lla and not (self._provisional and life != self._taken_in)):

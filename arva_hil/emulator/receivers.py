@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import mount, sling, vehicle_noise
 from arva_hil.emulator.formats import frame_of

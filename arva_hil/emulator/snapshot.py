@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.events.reasons import NoPose
 from arva_hil.model.field import Transmitters
 

@@ -10,17 +10,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from arva_hil.autopilot.following.navigation import is_place
-from arva_hil.autopilot.following.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
+from arva_hil.autopilot.following.navigation import AttitudeSample, PoseTrack, PositionSample, VehicleState, is_place
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import NavigationError, Scenario
 from arva_hil.events import Event
 from arva_hil.events.reasons import NoPose
 from arva_hil.mavlink.codec import dialect
-from arva_hil.model.field import LocalFrame, quaternion
+from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.model.field.arrays import Array
-from arva_hil.model.field.quaternion import Quaternion
+from arva_hil.model.field.rotation import Quaternion
 
 _STEP_S: Final = 0.1  # of the random walk; interpolated between two steps
 _KEEP: Final = 600  # steps: for an earlier time the walk is calculated again from its start
@@ -48,7 +47,7 @@ class PoseError:
         self._bias = np.asarray(bias_ned, float)
         self._sigma = walk_sigma_m
         self._keep = math.exp(-_STEP_S / walk_tau_s)
-        self._turn = quaternion.from_euler(0.0, 0.0, math.radians(heading_deg))
+        self._turn = rotation.from_angles(0.0, 0.0, math.radians(heading_deg))
         self._seed = seed
         self._begin()
 
@@ -60,7 +59,7 @@ class PoseError:
         there = position + self._bias
         if self._sigma:
             there += self._walked(max(0.0, time_s / _STEP_S))
-        return there, quaternion.multiply(self._turn, quaternion.unit(*attitude))
+        return there, rotation.multiply(self._turn, rotation.unit(*attitude))
 
     def _begin(self) -> None:
         self._random = np.random.Generator(np.random.PCG64([self._seed, 0x57A4]))
@@ -128,7 +127,7 @@ class SimulatorTruth:
         vehicle, reboots = session.vehicle, session.navigation.reboots
         if self._asked is None and vehicle is not None and vehicle.autopilot in _ASKED:
             self._asked = _ASKED[vehicle.autopilot]
-            session.want({self._asked: session.rate_hz})
+            session.streams.want({self._asked: session.streams.rate_hz})
         if reboots != self._reboots:
             self._reboots, self._newest, self.track = reboots, -math.inf, PoseTrack()
         for msgid, message in received.messages(_READERS):
@@ -137,20 +136,20 @@ class SimulatorTruth:
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
         """Return the true state at `t` in the NED frame `frame`."""
-        return self.track.at(self._session.clock.boot(t), frame)
+        return self.track.at(self._session.navigation.clock.boot(t), frame)
 
     def known_at(self, t: float) -> bool:
         """Return True if no later message can change the state at `t`."""
-        return self.track.is_known(self._session.clock.boot(t))
+        return self.track.is_known(self._session.navigation.clock.boot(t))
 
     def lacking(self) -> NoPose | None:
         """Return the reason why there is no true state; None if the vehicle reports no state."""
-        if self._session.track.newest is None:
+        if self._session.navigation.track.newest is None:
             return None
         return NoPose("no truth", message=dialect.mavlink_map[self._asked].msgname if self._asked else "")
 
     def _take(self, message: Any, read: Callable[[Any, float], _Pose], now: float) -> None:
-        boot = self._session.clock.boot(now)
+        boot = self._session.navigation.clock.boot(now)
         if boot is None:
             return
         stamp = max(boot, self._newest + _LATER_S)

@@ -97,7 +97,7 @@ class VehicleWorld:
         return data + requests, [*events, *more]
 
     def _lacking(self) -> NoPose:
-        if self.datum.frame is None and self._session.track.newest is not None:
+        if self.datum.frame is None and self._session.navigation.track.newest is not None:
             return NoPose("no home")
         lacking = self._truth.lacking() if isinstance(self._truth, SimulatorTruth) else None
         return lacking or self._session.why_no_pose()

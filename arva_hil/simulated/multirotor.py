@@ -15,7 +15,7 @@ from functools import partial
 from math import hypot
 from typing import Final, NamedTuple
 
-from arva_hil.model.field.quaternion import Quaternion, from_euler
+from arva_hil.model.field.rotation import Quaternion, from_angles
 
 Vector = tuple[float, float, float]
 
@@ -152,7 +152,7 @@ class Multirotor:
         x, y = down_n * cos + down_e * sin, down_e * cos - down_n * sin
         pitch = math.atan2(x, down_d)
         roll = math.atan2(-y, math.hypot(x, down_d))
-        return from_euler(roll, pitch, yaw)
+        return from_angles(roll, pitch, yaw)
 
 
 def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vector]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.autopilot.following.pose_track import ClockMap
+from arva_hil.autopilot.following.navigation import ClockMap
 
 WINDOW_S = 1.0
 TINY = 1e-9

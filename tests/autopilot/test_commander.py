@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
 
-from arva_hil.autopilot.commanding.commander import Commander
-from arva_hil.autopilot.commanding.state import Phase
+from arva_hil.autopilot.commanding.commander import Commander, Phase
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
@@ -63,7 +62,7 @@ class Flight:
         self.deaf = False
         self._step = step
         self._parser = Parser()
-        self.until(lambda: self.session.track.newest is not None)
+        self.until(lambda: self.session.navigation.track.newest is not None)
         self.commander.launch(self.now)
 
     def step(self) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from arva_hil.autopilot.following.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
+from arva_hil.autopilot.following.navigation import AttitudeSample, PoseTrack, PositionSample, VehicleState
 from arva_hil.model.field import LocalFrame
 
 Vector = NDArray[np.float64]

@@ -47,7 +47,7 @@ class Bench:
 
     @property
     def boot_ms(self) -> float:
-        newest = self.session.track.newest
+        newest = self.session.navigation.track.newest
         return -1 if newest is None else round(newest * 1e3)
 
 

@@ -95,12 +95,17 @@ def knowledge(session: KeepingSession, now: float) -> str:
     """All that a session tells about its vehicle."""
     known = (
         session.vehicle,
-        session.home,
-        session.track.newest,
-        session.track.first_position,
+        session.navigation.home,
+        session.navigation.track.newest,
+        session.navigation.track.first_position,
         session.navigation.reboots,
     )
-    counts = session.navigation.refused, session.navigation.unpositioned, session.rates(now), session.clock.boot(now)
+    counts = (
+        session.navigation.refused,
+        session.navigation.unpositioned,
+        session.rates(now),
+        session.navigation.clock.boot(now),
+    )
     return repr((known, counts, session.navigation.state_at(now, FRAME)))
 
 
@@ -177,7 +182,7 @@ def test_the_chosen_one_is_obeyed() -> None:
     tell(session, heartbeat(armed=True), 101.0, (7, 1))
     assert session.vehicle is not None
     assert session.vehicle.armed
-    assert session.home == HOME
+    assert session.navigation.home == HOME
     state = session.navigation.state_at(100.0, FRAME)
     assert state is not None
     assert state.boot_s == pytest.approx(10.0)
@@ -280,14 +285,14 @@ def test_values_that_are_no_pose_are_refused_and_counted(message: Any) -> None:
     after = session.navigation.state_at(101.0, FRAME)
     assert session.navigation.refused == 1
     assert repr(after) == repr(before)
-    assert session.home == HOME
+    assert session.navigation.home == HOME
 
 
 def test_zero_latitude_and_longitude_are_no_position() -> None:
     session = KeepingSession()
     for message in (heartbeat(), attitude(10.0), position(10.0, 0.0, 0.0, 0.0)):
         tell(session, message, 100.0)
-    assert session.track.first_position is None
+    assert session.navigation.track.first_position is None
     assert session.navigation.state_at(100.0, FRAME) is None
     assert (session.navigation.unpositioned, session.navigation.refused) == (1, 0)
 
@@ -297,7 +302,7 @@ def test_a_place_on_the_equator_or_the_edge_is_a_position(lat: float, lon: float
     session = KeepingSession()
     tell(session, heartbeat(), 100.0)
     tell(session, position(10.0, lat, lon), 100.0)
-    assert session.track.first_position is not None
+    assert session.navigation.track.first_position is not None
     assert session.navigation.refused == session.navigation.unpositioned == 0
 
 
@@ -350,14 +355,14 @@ def test_time_that_goes_back_for_good_is_a_reboot(message: Any, back: float, reb
     tell(session, message(10.005 - back), 100.62)
     assert session.navigation.reboots == rebooted
     if rebooted:
-        assert session.home is None
-        assert session.track.newest is None
+        assert session.navigation.home is None
+        assert session.navigation.track.newest is None
         assert session.navigation.state_at(100.62, FRAME) is None
-        assert session.clock.boot(100.62) == pytest.approx(10.005 - back)
+        assert session.navigation.clock.boot(100.62) == pytest.approx(10.005 - back)
         assert list(map(type, session.take_events())) == [VehicleRebooted]
     else:
-        assert session.home == HOME
-        assert session.track.newest == 10.0
+        assert session.navigation.home == HOME
+        assert session.navigation.track.newest == 10.0
         assert session.take_events() == []
 
 
@@ -396,8 +401,8 @@ def test_a_time_that_leaps_ahead_for_good_is_no_reboot(ahead: float) -> None:
         state = session.navigation.state_at(100.0 + now, FRAME)
         assert state is not None
         assert abs(state.position[0] - (1111.9 if now >= 0.5 else now)) < 2
-    assert session.home == HOME
-    assert session.clock.boot(101.2) == pytest.approx(11.2 + ahead)
+    assert session.navigation.home == HOME
+    assert session.navigation.clock.boot(101.2) == pytest.approx(11.2 + ahead)
     counts = session.counts()
     assert (counts["reboots"], counts["clock_leaps"], counts["position_jumps"]) == (0, 1, 0)
     (event,) = session.take_events()
@@ -416,7 +421,7 @@ def test_of_two_clocks_at_once_the_first_is_believed(other: float) -> None:
             tell(session, attitude(other + now + late), 100.0 + now + late)
     assert session.navigation.reboots == 0
     assert session.navigation.times.strays == 1000
-    assert session.clock.boot(110.0) == pytest.approx(20.0)
+    assert session.navigation.clock.boot(110.0) == pytest.approx(20.0)
 
 
 def test_after_a_reboot_there_is_a_pose_again() -> None:
@@ -426,7 +431,7 @@ def test_after_a_reboot_there_is_a_pose_again() -> None:
     state = session.navigation.state_at(101.1, FRAME)
     assert state is not None
     assert state.boot_s == pytest.approx(0.4)
-    assert session.home == (46.6, HOME[1], HOME[2])
+    assert session.navigation.home == (46.6, HOME[1], HOME[2])
     assert session.navigation.reboots == 1
 
 
@@ -761,7 +766,7 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
     seen = 0
     for record in TlogReader(flight):
         seen += len(session.feed(record.raw, record.time_s).accepted)
-        poses.add(session.track.newest)
+        poses.add(session.navigation.track.newest)
     vehicle = session.vehicle
     assert seen == session.reader.parser.packets == count
     assert session.reader.parser.bad_crc == session.reader.parser.skipped == 0
@@ -770,7 +775,7 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
     assert vehicle is not None
     assert (vehicle.system, vehicle.component, vehicle.version) == (1, 1, 2)
     assert str(vehicle) == f"{'px4' if flight.stem == 'px4' else 'ardupilotmega'} quadrotor 1/1"
-    assert session.home == at
+    assert session.navigation.home == at
     assert session.ignored == others
     assert len(poses - {None}) == instants
 
@@ -782,11 +787,11 @@ def test_its_poses_are_those_of_an_independent_reading(flight: Path) -> None:
     compared = 0
     for i, record in enumerate(TlogReader(flight)):
         session.feed(record.raw, record.time_s)
-        newest = session.track.newest
+        newest = session.navigation.track.newest
         if i % 97 or newest is None:
             continue
         for boot in (newest, newest - 0.0123, newest - 1.0):
-            state = session.track.at(boot, frame)
+            state = session.navigation.track.at(boot, frame)
             if state is None:
                 continue
             compared += 1

@@ -140,14 +140,14 @@ def test_position_attitude_and_home_are_asked_for_once_and_nothing_else() -> Non
     assert bench.asked() == ONCE
     assert all((m.target_system, m.target_component) == (1, 1) for _, m in bench.requests)
     assert bench.stream_events == []
-    assert bench.session.home == pytest.approx(HOME)
+    assert bench.session.navigation.home == pytest.approx(HOME)
 
 
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("hz", [10.0, 50.0, 100.0])
 def test_the_rate_wanted_is_there_within_two_seconds(hz: float, version: int) -> None:
     bench = Bench(SimulatedVehicle(HOME, version=version), rate_hz=hz).run(2)
-    assert bench.session.track.newest == pytest.approx(2.0, abs=1.1 / hz + 0.011)
+    assert bench.session.navigation.track.newest == pytest.approx(2.0, abs=1.1 / hz + 0.011)
     assert all(at < 0.5 for at, _ in bench.requests)
     bench.run(2)
     assert bench.rates() == pytest.approx((hz, hz), rel=0.05)
@@ -274,7 +274,7 @@ def test_after_a_reboot_all_is_asked_for_again() -> None:
     assert bench.session.navigation.reboots == 1
     assert {ASKED_HOME, (SET_INTERVAL, POSITION), (SET_INTERVAL, ATTITUDE)} == set(again)
     assert bench.rates() == pytest.approx((50, 50), rel=0.05)
-    assert bench.session.home == pytest.approx(HOME)
+    assert bench.session.navigation.home == pytest.approx(HOME)
     assert list(map(type, bench.events)) == [VehicleFound, VehicleRebooted]
 
 
@@ -284,7 +284,7 @@ def test_home_is_asked_for_until_it_is_known_by_two_commands_in_turn() -> None:
     assert asked[ASKED_HOME] >= 3
     assert asked[GET_HOME, 0] >= 3
     bench.run(10)
-    assert bench.session.home == pytest.approx(HOME)
+    assert bench.session.navigation.home == pytest.approx(HOME)
     assert not {ASKED_HOME, (GET_HOME, 0)} & set(bench.asked(since=22.5))
 
 
@@ -297,15 +297,14 @@ def test_the_vehicles_answer_is_kept_for_a_person() -> None:
 @pytest.mark.parametrize(("sent_hz", "until"), [(10.0, 7.3), (8.0, 7.3), (50.0, 12.0)])
 def test_a_stream_that_stops_is_asked_for_as_soon_as_its_rate_is_too_low(sent_hz: float, until: float) -> None:
     """7 of 10 Hz are enough: 14 messages in two seconds. Nothing is asked for before, and no look comes too late."""
-    streams, came, asked = Streams(10.0, 0.0, {}, "", lambda event: None), list[float](), list[float]()
-    streams.home_wanted = False
+    streams, came, asked = Streams(10.0, "", lambda event: None), list[float](), list[float]()
     for step in range(1, 2000):
         now = step / 100
         if now <= until and int(now * sent_hz) > int((now - 0.01) * sent_hz):
             streams.on_message(POSITION, now)
             streams.on_message(ATTITUDE, now)
             came.append(now)
-        if streams.poll(now, 1, 1) and now > 1:
+        if streams.poll(now, 1, 1, home=False) and now > 1:
             asked.append(now)
             break
     (first,) = asked

@@ -141,7 +141,7 @@ def test_what_arrives_while_the_program_is_held_up_is_not_taken_for_earlier_than
     bench.run(3.0)
     bench.emulator.service(StallingClock(bench.clock, bench.simulator))
     now = bench.clock.now()
-    boot = bench.emulator.session.clock.boot(now)
+    boot = bench.emulator.session.navigation.clock.boot(now)
     assert boot is not None
     assert boot <= now + 1e-9
 

@@ -19,8 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from arva_hil.autopilot.following.followed import COMPONENT
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import COMPONENT, Session
 from arva_hil.cli.main import main
 from arva_hil.clock import StepClock
 from arva_hil.config import Fault, Scenario, ScenarioError, load, parse, parse_fault, to_dict

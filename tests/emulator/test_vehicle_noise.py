@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from arva_hil.autopilot.following.motor_load import MotorLoad
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import StepClock
 from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse, to_dict

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from arva_hil.model.field import quaternion
+from arva_hil.model.field import rotation
 from arva_hil.model.field.rotation import Mount, from_euler, to_euler, to_matrix
 
 N = 10_000
@@ -71,7 +71,7 @@ def unit(q: np.ndarray) -> list[list[float]]:
 
 def test_multiply_agrees_with_scipy() -> None:
     a, b = quaternions(3, 2000), quaternions(4, 2000)
-    got = [quaternion.multiply(one, other) for one, other in zip(unit(a), unit(b), strict=True)]
+    got = [rotation.multiply(one, other) for one, other in zip(unit(a), unit(b), strict=True)]
     np.testing.assert_allclose(to_matrix(got), (scipy_of(a) * scipy_of(b)).as_matrix(), rtol=0, atol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(got, axis=1), 1, rtol=1e-14)
 
@@ -82,26 +82,24 @@ def test_slerp_agrees_with_scipy_the_shortest_way() -> None:
     turn = (r0.inv() * r1).as_rotvec()  # never more than half a turn
     assert np.linalg.norm(turn, axis=1).max() > 3
     expected = (r0 * Rotation.from_rotvec(u[:, None] * turn)).as_matrix()
-    got = [
-        quaternion.slerp(tuple(a), tuple(b), part) for a, b, part in zip(unit(q0), unit(q1), u.tolist(), strict=True)
-    ]
+    got = [rotation.slerp(tuple(a), tuple(b), part) for a, b, part in zip(unit(q0), unit(q1), u.tolist(), strict=True)]
     np.testing.assert_allclose(to_matrix(got), expected, rtol=0, atol=1e-12)
 
 
 @given(st.floats(0, 1), st.sampled_from([1, -1]), st.sampled_from([0, 1e-300, 1e-16, 1e-9, 1e-7]))
 def test_slerp_between_equal_and_nearly_equal(u: float, sign: int, turn: float) -> None:
-    q0 = quaternion.from_euler(0.3, -0.2, 2.0)
+    q0 = rotation.from_angles(0.3, -0.2, 2.0)
 
-    def turned(by: float) -> quaternion.Quaternion:
-        return quaternion.multiply(q0, (math.cos(by / 2), math.sin(by / 2), 0.0, 0.0))
+    def turned(by: float) -> rotation.Quaternion:
+        return rotation.multiply(q0, (math.cos(by / 2), math.sin(by / 2), 0.0, 0.0))
 
     w, x, y, z = turned(turn)
-    got = quaternion.slerp(q0, (sign * w, sign * x, sign * y, sign * z), u)
+    got = rotation.slerp(q0, (sign * w, sign * x, sign * y, sign * z), u)
     np.testing.assert_allclose(got, turned(u * turn), rtol=0, atol=1e-15)
 
 
 def test_slerp_across_half_a_turn_is_a_quarter_turn_from_both() -> None:
-    middle = quaternion.slerp((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.5)
+    middle = rotation.slerp((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.5)
     assert abs(middle[0]) == pytest.approx(np.sqrt(0.5), abs=1e-15)
     assert abs(middle[3]) == pytest.approx(np.sqrt(0.5), abs=1e-15)
 
@@ -125,10 +123,10 @@ def test_a_single_rotation_in_plain_floats_is_as_in_arrays() -> None:
     for one, matrix, angles in zip(many, to_matrix(many), to_euler(many), strict=True):
         assert (to_matrix(one) == matrix).all()
         assert (to_matrix(tuple(one.tolist())) == matrix).all()
-        assert quaternion.heading(one.tolist()) == pytest.approx(angles[2], abs=1e-12)
+        assert rotation.heading(one.tolist()) == pytest.approx(angles[2], abs=1e-12)
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 0.0)])
 def test_no_single_rotation_is_an_error_too(q: tuple[float, float, float, float]) -> None:
     with pytest.raises(ValueError, match="no rotation"):
-        quaternion.matrix(*q)
+        rotation.matrix(*q)

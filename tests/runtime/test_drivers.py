@@ -189,7 +189,7 @@ def test_streams_are_asked_for_again_at_once(bench: Bench, rebooted: bool) -> No
     for msgid in (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_ATTITUDE):
         assert bench.asked(at, SET_INTERVAL, msgid)[0] < 0.8
     assert bench.asked(at, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HOME_POSITION)[0] < 0.8
-    assert bench.session.home is not None
+    assert bench.session.navigation.home is not None
     assert bench.posed
     assert bench.session.navigation.reboots == rebooted
     assert bench.diary.said("has rebooted") == rebooted
@@ -198,7 +198,7 @@ def test_streams_are_asked_for_again_at_once(bench: Bench, rebooted: bool) -> No
 
 def test_whose_boot_time_is_a_little_less_on_a_new_link_has_rebooted(bench: Bench) -> None:
     """On the same link it may be a packet that comes late."""
-    boot = bench.session.clock.boot(bench.clock.now())
+    boot = bench.session.navigation.clock.boot(bench.clock.now())
     assert boot is not None
     late = dialect.MAVLink_attitude_message(round(boot * 1e3) - 300, 0, 0, 0, 0, 0, 0)
     packet = Encoder(1, 1).pack(late)

@@ -383,7 +383,7 @@ def test_nothing_is_armed_without_a_pose() -> None:
 def test_a_pose_that_is_old_is_none() -> None:
     world = World(ardupilot(), {"timeout_s": 5.0})
     world.port.says = lambda now: world.frames(now) if now > 3 else None
-    world.until(lambda: world.session.track.newest)
+    world.until(lambda: world.session.navigation.track.newest)
     world.between = without(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
     kind, how = world.end()
     assert (kind, how.partition(" (")[0]) == ("failed", "no pose: no GLOBAL_POSITION_INT")
@@ -572,7 +572,7 @@ def test_who_had_the_vehicle_meanwhile_is_seen_before_anything_is_ordered() -> N
     vehicle = ardupilot()
     world = Plugged(vehicle)
     world.port.says = lambda now: None
-    world.until(lambda: world.session.track.newest)
+    world.until(lambda: world.session.navigation.track.newest)
     world.plugs[0].pull()
     world.pass_s(3)
     vehicle._pilot.arm()

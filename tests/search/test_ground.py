@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.searches import HeightSource, SensorsDisagree
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.model.field.quaternion import from_euler
+from arva_hil.model.field.rotation import from_angles
 from arva_hil.registry import STRATEGIES
 from arva_hil.search.mission.ground import Ground, Height
 from arva_hil.search.mission.height import HeightKeeper
@@ -45,7 +45,7 @@ class Vehicle:
 
     def height(self, now: float, above: float, *, sinks: float = 0.0, roll: float = 0.0) -> Height:
         place, velocity = np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks])
-        return self.ground.height(now, VehicleState(now, place, velocity, from_euler(roll, 0.0, 0.0), 0.0))
+        return self.ground.height(now, VehicleState(now, place, velocity, from_angles(roll, 0.0, 0.0), 0.0))
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
@@ -296,7 +296,7 @@ class Slope(Vehicle):
             said += [made] if (made := report(made)) else []
         self.says(self.now, *said)
         at, velocity = np.array([self.north, 0.0, -self.above]), np.array([0.0, 0.0, self.velocity])
-        return self.ground.height(self.now, VehicleState(self.now, at, velocity, from_euler(0.0, 0.0, 0.0), 0.0))
+        return self.ground.height(self.now, VehicleState(self.now, at, velocity, from_angles(0.0, 0.0, 0.0), 0.0))
 
     def fly(
         self, seconds: float, report: Callable[[Any], Any] = lambda report: report, speed: float = 2.0

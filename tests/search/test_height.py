@@ -12,7 +12,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import TooLow
 from arva_hil.search.mission.ground import Height
 from arva_hil.search.mission.height import Descent, HeightKeeper
-from arva_hil.search.mission.range_check import Odometry, RangeCheck
+from arva_hil.search.mission.height_sensors import Odometry, RangeCheck
 
 PLACE = (5.0, -3.0)
 

@@ -55,7 +55,7 @@ def after(*frames: tuple[Frame, float], every_s: float = 1.0) -> StuckReadings:
     """What it knows after those frames, heard so far north."""
     standstill = StuckReadings()
     for n, (frame, north) in enumerate(frames):
-        standstill.on_frame(frame, (north, 0.0, -1.0), 100.0 + n * every_s)
+        standstill.observe([c for c in frame.channels if c.valid], (north, 0.0, -1.0), 100.0 + n * every_s)
     return standstill
 
 

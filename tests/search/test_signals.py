@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from arva_hil.model.field import dipole_field, rotation
-from arva_hil.search.mission.choice import observations
+from arva_hil.search.mission.choice import observations, pulses
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.strategy import Observation
 from firmware_proto import INNER, MID, Channel, Frame
@@ -40,15 +40,15 @@ def test_otherwise_it_tells_what_its_integers_say(signal: tuple[float, float, fl
 
 def test_what_was_measured_comes_with_the_reading_of_its_channel() -> None:
     channels = Channel(7, MID, 900, 10), Channel(9, INNER, 200, 0), Channel(None, 0, -1, -1)
-    pulses = VectorChannel(7, MID, x=100, y=-20, z=3, age_ms=40), VectorChannel(9, INNER, age_ms=None), VectorChannel()
-    frame = Frame(1, 0, channels, Measured(5000, pulses))
+    vectors = VectorChannel(7, MID, x=100, y=-20, z=3, age_ms=40), VectorChannel(9, INNER, age_ms=None), VectorChannel()
+    frame = Frame(1, 0, channels, Measured(5000, vectors))
     (came,) = VECTOR.decoder().feed(VECTOR.encode(frame), 0.0)
-    heard = observations(came, 8.0, (0.0, 0.0, -3.0), np.eye(3), None)
+    heard = observations(pulses(came), 8.0, (0.0, 0.0, -3.0), np.eye(3), None)
     assert list(heard) == [9, 7]
     assert (heard[7].signal, heard[7].age_s) == ((100, -20, 3), 0.04)
     assert (heard[9].signal, heard[9].age_s) == (None, 0.0)
     levels = frame._replace(measured=Measured(5000, tuple(LevelChannel(c.id, level=-100) for c in channels)))
-    assert observations(levels, 8.0, (0.0, 0.0, -3.0), np.eye(3), None)[7].signal is None
+    assert observations(pulses(levels), 8.0, (0.0, 0.0, -3.0), np.eye(3), None)[7].signal is None
 
 
 @pytest.mark.parametrize("turn", [(0.0, 0.1, 0.4), (2.0, -0.5, 2.5)])

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.clock import StepClock
 from arva_hil.config import DEFAULT
 from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
-from arva_hil.model.field import LocalFrame, Mount
+from arva_hil.model.field import Mount
 from arva_hil.runtime.loop import run
 from arva_hil.search.flight.airborne import MissionRun
 from arva_hil.search.mission.mission import Mission
@@ -100,12 +100,11 @@ def test_frames_are_told_ten_times_a_second_with_the_place_of_the_receiver() -> 
     told: list[Event] = []
     half = math.sqrt(0.5)
     east = VehicleState(0.0, np.array([3.0, 2.0, -1.0]), np.zeros(3), (half, 0.0, 0.0, half), 0.0)
-    session: Any = SimpleNamespace(navigation=SimpleNamespace(state_at=lambda now, origin: east))
+    session: Any = SimpleNamespace(navigation=None)
     plan = SearchPlan(Estimate, mount=Mount((1.0, 0.0, 0.0)))
     flight = MissionRun(plan, session, start=0.0, emit=told.append, log=None)
     for step in range(5):
-        flight.on_frame(FRAME, step / 20)
-        flight.origin = LocalFrame(46.0, 7.0, 1650.0)
+        flight.on_frame(FRAME, east if step else None, step / 20)
     assert told[0] == FrameHeard(0.0, FRAME, None, None)
     (second, third) = told[1:]
     assert (second.time_s, third.time_s) == (0.1, 0.2)

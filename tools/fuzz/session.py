@@ -202,11 +202,8 @@ class Bench:
         vehicle = session.vehicle
         if vehicle is None:
             assert self._ids is None, "the vehicle is forgotten"
-            assert (session.track.newest, session.home, session.navigation.state_at(self._now, FRAME)) == (
-                None,
-                None,
-                None,
-            )
+            known = session.navigation
+            assert known.track.newest is known.home is known.state_at(self._now, FRAME) is None
             return
         ids = vehicle.system, vehicle.component
         assert self._ids in (None, ids), f"the vehicle was {self._ids}, is {ids}"
@@ -231,12 +228,12 @@ class Bench:
             pose = values.tobytes()
         rates = session.rates(now)
         assert all(math.isfinite(rate) and rate >= 0 for rate in rates.values()), rates
-        if session.home:
-            assert np.isfinite(session.home).all()
+        if session.navigation.home:
+            assert np.isfinite(session.navigation.home).all()
         told = session.navigation
         counts = told.reboots, told.refused, told.unpositioned, told.times.strays, told.places.strays
-        known = session.vehicle, session.home, session.track.newest, session.track.first_position
-        return pose, rates, counts, known, session.clock.boot(now)
+        known = session.vehicle, told.home, told.track.newest, told.track.first_position
+        return pose, rates, counts, known, told.clock.boot(now)
 
 
 def seeds() -> Iterator[bytes]:

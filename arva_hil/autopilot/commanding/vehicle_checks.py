@@ -171,7 +171,7 @@ class SimulatorCheck:
         return self._session.encoder.pack(ask)
 
     def _is_near(self, lat: float, lon: float) -> bool:
-        place = self._session.track.last_position
+        place = self._session.navigation.track.last_position
         if place is None:
             return False
         north, east, _ = LocalFrame(place.lat, place.lon, place.alt).ned(lat, lon, place.alt)

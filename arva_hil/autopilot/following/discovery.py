@@ -7,10 +7,10 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from arva_hil.autopilot.following.navigation import Place, is_zero, offset_m, place_of
-from arva_hil.autopilot.following.pose_track import ClockMap
+from arva_hil.autopilot.following.navigation import ClockMap, Place, is_zero, offset_m, place_of
 from arva_hil.events.reasons import HeardSource, Reason, Why, because
 from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.mavlink.packet import Verdict
 
 _MOST_SOURCES: Final = 32  # a hostile link may have 65,536
 _KINDS: Final = "GCS GIMBAL ADSB CAMERA ONBOARD_CONTROLLER ANTENNA_TRACKER"
@@ -46,17 +46,22 @@ class Vehicle:
 
 
 class VehicleDiscovery:
-    """Remembers the sources received. `system`, `component`: accept only these (default: any system, component 1)."""
+    """Remembers the sources received. `system`, `component`: accept only these (default: any system, component 1).
+
+    `ignored`: packets of other systems and components, and of senders that only claim to be the vehicle.
+    """
 
     def __init__(self, system: int | None, component: int | None) -> None:
-        self._system = system
+        self.system = system
+        self.ignored = 0
+        self.refusals: set[Verdict] = set()  # the reasons for which packets were refused
         self._component = dialect.MAV_COMP_ID_AUTOPILOT1 if component is None else component
         self._heard: dict[tuple[int, int, str], int] = {}
         self.refused_vehicle = False  # an autopilot with other ids was received
 
     def vehicle(self, packet: Packet, heartbeat: Any) -> Vehicle | None:
         """Return the vehicle that sent a heartbeat; None if it is not an autopilot, or not the one asked for."""
-        asked = packet.system == (self._system or packet.system or -1) and packet.component == self._component
+        asked = packet.system == (self.system or packet.system or -1) and packet.component == self._component
         if asked and is_autopilot(heartbeat):
             armed = bool(heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
             return Vehicle(packet.system, packet.component, heartbeat.autopilot, heartbeat.type, armed, packet.version)

@@ -55,7 +55,7 @@ class MotorLoad:
         if full_current_a is not None:
             self._order = ["battery", "controllers", *self._order]
             asked += [_BATTERY_STATUS, _ESC_TELEMETRY, MAVLINK_MSG_ID_ESC_STATUS]
-        session.want(dict.fromkeys(asked, _ASKED_HZ))
+        session.streams.want(dict.fromkeys(asked, _ASKED_HZ))
 
     def observe(self, received: Received, now: float) -> list[Event]:
         """Use what the session received at `now`."""

@@ -1,20 +1,23 @@
-"""The session with one vehicle: bytes in, bytes out. `followed.py` has its state."""
+"""The session with one vehicle: bytes in, bytes out."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from arva_hil.autopilot.following.discovery import Identity, Vehicle
-from arva_hil.autopilot.following.followed import FollowedVehicle
-from arva_hil.autopilot.following.navigation import HANDLED
+from arva_hil.autopilot.following.discovery import Identity, Senders, Vehicle, VehicleDiscovery
+from arva_hil.autopilot.following.navigation import HANDLED, Navigation
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.streams import Streams
 from arva_hil.events import Event, vehicles
-from arva_hil.events.reasons import Why, because
-from arva_hil.mavlink.codec import Packet, decode, dialect
+from arva_hil.events.reasons import NoPose, NoVehicle, NoVehicleReason, Reason, SilentStream, Why, because
+from arva_hil.mavlink.codec import Encoder, Packet, decode, dialect
+from arva_hil.mavlink.packet_reader import PacketReader
+from arva_hil.mavlink.signing import Signing
+
+COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
@@ -36,7 +39,21 @@ def heartbeat() -> Any:
     return dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, active, 3)
 
 
-class Session(FollowedVehicle):
+class Heartbeats:
+    """Remembers the heartbeats of both ends. `passive`: this end never sends. Times are host seconds.
+
+    `lost`: the vehicle's have stopped. `interrupted`: the reason why the link is lost, "" while it is not.
+    """
+
+    def __init__(self, *, passive: bool) -> None:
+        self.passive = passive
+        self.lost = False
+        self.interrupted = ""
+        self.last_s = -math.inf  # the vehicle's last one
+        self.next_s = -math.inf  # when ours is due
+
+
+class Session:
     """Follows one vehicle: found by its first heartbeat, then recognized by its system and component ids.
 
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1). `rate_hz`: of
@@ -47,6 +64,65 @@ class Session(FollowedVehicle):
     Packets of other systems change nothing. Of several senders on the link only `senders.vehicle` is accepted. After it
     has been silent for 3 s, another sender with the vehicle's ids may take its place.
     """
+
+    def __init__(
+        self,
+        *,
+        target_system: int | None = None,
+        target_component: int | None = None,
+        rate_hz: float = 50.0,
+        passive: bool = False,
+        component: int = COMPONENT,
+        signing: Signing | None = None,
+        reader: PacketReader | None = None,
+        name: str = "vehicle",
+    ) -> None:
+        self.name = name
+        self.reader = reader = reader or PacketReader(signing)
+        self.senders = Senders()
+        self.encoder = Encoder(target_system or 1, component, signing=reader.signing)
+        self.vehicle: Vehicle | None = None
+        self.next_due = -math.inf
+        self._events: list[Event] = []  # since the last `receive` or `poll`
+        self.navigation = Navigation(name, self._events.append)
+        self.streams = Streams(rate_hz, name, self._events.append)
+        self._finder = VehicleDiscovery(target_system, target_component)
+        self._identity: Identity | None = None  # of the pinned vehicle
+        self._heartbeats = Heartbeats(passive=passive)
+
+    @property
+    def target_system(self) -> int | None:
+        return self._finder.system
+
+    @property
+    def lost(self) -> bool:
+        """True if the vehicle's heartbeat has stopped."""
+        return self._heartbeats.lost
+
+    @property
+    def usurped(self) -> Reason | None:
+        """The reason why the sender is not the pinned vehicle any more; None while it is."""
+        return self._identity.why if self._identity else None
+
+    @property
+    def doubtful(self) -> bool:
+        """True if the last message may be from another vehicle than the pinned one."""
+        return self._identity is not None and self._identity.doubtful
+
+    @property
+    def reachable(self) -> bool:
+        """True if something can be sent to the vehicle."""
+        beats = self._heartbeats
+        return self.vehicle is not None and not (beats.lost or beats.passive or beats.interrupted)
+
+    @property
+    def ignored(self) -> int:
+        """The number of packets that are not the vehicle's."""
+        return self._finder.ignored
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Return measured rates [Hz] of the pose streams; none before there is a vehicle."""
+        return self.streams.rates(now) if self.vehicle else {}
 
     def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Received:
         """Use bytes that came at `now` on a link with only this vehicle's session. Never raises.
@@ -86,55 +162,67 @@ class Session(FollowedVehicle):
                 if msgid in _DECODED and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
             else:
-                self.ignored += 1
+                self._finder.ignored += 1
                 others.append(packet)
         if sender is not None and own:
             self.senders.on_packet(sender, now)
-        if self._extras and (streams := self._streams):
+        if extras := self.streams.extra_ids:
             for packet in own:
-                if packet.msgid in streams.extra_ids:
-                    streams.on_message(packet.msgid, now)
+                if packet.msgid in extras:
+                    self.streams.on_message(packet.msgid, now)
         return Received(own, others, refused, self._emitted() if self._events else ())
-
-    def want(self, streams: Mapping[int, float]) -> None:
-        """Request these optional streams too: message id → Hz."""
-        self._extras.update(streams)
-        if self._streams:
-            self._streams.want(streams)
 
     def pin(self) -> None:
         """Keep the vehicle from now on. Another one with its ids is ignored, and `usurped` says so."""
-        self._identity = Identity(self.clock.rate)
+        self._identity = Identity(self.navigation.clock.rate)
         self.senders.pin()
 
     def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
         """Return the bytes to send now, our heartbeat and requests for streams; and the events. Sets `next_due`."""
-        if now - self._last_heartbeat > _LOST_S and self.vehicle and not self.lost and not self._interrupted:
-            self.lost = True
+        if (
+            now - self._heartbeats.last_s > _LOST_S
+            and self.vehicle
+            and not self._heartbeats.lost
+            and not self._heartbeats.interrupted
+        ):
+            self._heartbeats.lost = True
             self._events.append(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
         if self.reader.signing:
             self.reader.signing.advance(now)
-        if self._passive:
+        if self._heartbeats.passive:
             self.next_due = math.inf
             return b"", self._emitted() if self._events else ()
         self.next_due = now + _POLL_S
         self.senders.on_read(now)
-        if self._interrupted:
+        if self._heartbeats.interrupted:
             return b"", self._emitted()
         out = b""
-        if now >= self._next_heartbeat:
-            due = self._next_heartbeat + _HEARTBEAT_S
-            self._next_heartbeat = due if due > now else now + _HEARTBEAT_S
+        beats = self._heartbeats
+        if now - beats.last_s > _LOST_S and self.vehicle and not (beats.lost or beats.interrupted):
+            beats.lost = True
+            self._events.append(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
+        if self.reader.signing:
+            self.reader.signing.advance(now)
+        if beats.passive:
+            self.next_due = math.inf
+            return b"", self._emitted() if self._events else ()
+        self.next_due = now + _POLL_S
+        self.senders.on_read(now)
+        if beats.interrupted:
+            return b"", self._emitted()
+        out = b""
+        if now >= beats.next_s:
+            due = beats.next_s + _HEARTBEAT_S
+            beats.next_s = due if due > now else now + _HEARTBEAT_S
             out += self.encoder.pack(heartbeat())
-        if self.vehicle and self._streams and not self.lost:
-            self._streams.home_wanted = self.home is None
-            for message in self._streams.poll(now, self.vehicle.system, self.vehicle.component):
-                out += self.encoder.pack(message)
+        if self.vehicle and not beats.lost:
+            home, to = self.navigation.home is None, (self.vehicle.system, self.vehicle.component)
+            out += b"".join(map(self.encoder.pack, self.streams.poll(now, *to, home=home)))
         return out, self._emitted()
 
     def interrupt(self, why: str) -> None:
         """Handle a lost link: until `resume` nothing can be sent, and silence does not count."""
-        self._interrupted = why
+        self._heartbeats.interrupted = why
         self.reader.parser.cut()
         self.senders.release()
 
@@ -143,18 +231,16 @@ class Session(FollowedVehicle):
 
         If the vehicle's boot time continues, so does its pose track. If it has gone back, the vehicle has rebooted.
         """
-        self._interrupted = ""
-        self.next_due = self._next_heartbeat = now
-        self._last_heartbeat = now
-        self.lost = False
+        self._heartbeats.interrupted = ""
+        self.next_due = self._heartbeats.next_s = self._heartbeats.last_s = now
+        self._heartbeats.lost = False
         self.senders.resume(now)
         self.navigation.renew()
-        if self._streams:
-            self._streams.renew(now)
+        self.streams.renew(now)
 
     def skip(self, now: float) -> None:
         """Handle a pause in reading: silence until `now` does not count."""
-        self._last_heartbeat = max(self._last_heartbeat, now)
+        self._heartbeats.last_s = max(self._heartbeats.last_s, now)
 
     def _emitted(self) -> Sequence[Event]:
         """Return the events since the last call."""
@@ -164,8 +250,8 @@ class Session(FollowedVehicle):
 
     def _on_refused(self, packet: Packet, now: float) -> None:
         """Report each reason for refused packets once, with the first sender."""
-        if packet.refused not in self._disbelieved:
-            self._disbelieved.add(packet.refused)
+        if packet.refused not in self._finder.refusals:
+            self._finder.refusals.add(packet.refused)
             about = packet.system, packet.component, packet.refused
             self._events.append(vehicles.SignatureRefused(now, self.name, *about))
 
@@ -185,12 +271,12 @@ class Session(FollowedVehicle):
         found = self._finder.vehicle(packet, message)
         if found and known and known.sent(packet) and self._identity:
             self._identity.why = because(Why.OTHER_IDS, vehicle=str(known), other=str(found))
-        elif found and (known is None or (self.lost and known.sent(packet))):
+        elif found and (known is None or (self._heartbeats.lost and known.sent(packet))):
             self.senders.on_packet(sender, now)
             self._follow(found, now, signed=packet.signed)
             return True
         elif known:
-            self.ignored += 1
+            self._finder.ignored += 1
             self._report_other(packet, found, now)
         else:
             self.senders.meet(sender, candidate=False)
@@ -214,40 +300,105 @@ class Session(FollowedVehicle):
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
-        self.lost = False
+        self._heartbeats.lost = False
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
-        self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._events.append)
-        self.next_due = self._last_heartbeat = now
+        self.streams.restart(now)
+        self.next_due = self._heartbeats.last_s = now
         self._events.append(vehicles.VehicleFound(now, self.name, str(vehicle), vehicle.version, signed))
-        if signed and not self.reader.signing and not self._passive:
+        if signed and not self.reader.signing and not self._heartbeats.passive:
             self._events.append(vehicles.SignaturesUnchecked(now, self.name))
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
-        if now - self._last_heartbeat > _GAP_S and self._streams:
-            self._streams.renew(now)
-        self._last_heartbeat = now
+        if now - self._heartbeats.last_s > _GAP_S:
+            self.streams.renew(now)
+        self._heartbeats.last_s = now
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         if armed != self.vehicle.armed:
             self.vehicle = replace(self.vehicle, armed=armed)
-        if self.lost:
-            self.lost = False
+        if self._heartbeats.lost:
+            self._heartbeats.lost = False
             self.navigation.home = None  # it may have changed: request it again
             self._events.append(vehicles.VehicleBack(now, self.name, str(self.vehicle)))
 
     def _navigate(self, message: Any, now: float) -> None:
-        assert self._streams is not None
         if self._identity and not self._identity.owns(message, now):
             return
         judgement = self.navigation.on_message(message, now)
         if judgement == "anew":
-            self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._events.append)
+            self.streams.restart(now)
             self._events.append(vehicles.VehicleRebooted(now, self.name, str(self.vehicle)))
         if judgement != "stray" and message.id != _HOME:
-            self._streams.on_message(message.id, now)
+            self.streams.on_message(message.id, now)
 
     def _on_ack(self, message: Any, now: float) -> None:
-        if self._streams and self.answers_us(message):
-            self._streams.acknowledged(message.command, message.result, now)
+        if self.answers_us(message):
+            self.streams.acknowledged(message.command, message.result, now)
             self.next_due = now
+
+    def answers_us(self, message: Any) -> bool:
+        """Return True if a COMMAND_ACK is for us, or without an addressee, as older autopilots send it."""
+        addressee = (message.target_system, message.target_component)
+        return addressee in ((self.encoder.system, self.encoder.component), (0, 0))
+
+    def counts(self) -> dict[str, int]:
+        """Return counters of what was received and not used."""
+        return {
+            "bytes_received": self.reader.bytes,
+            "packets_received": self.reader.parser.packets,
+            "bad_checksums": self.reader.parser.bad_crc,
+            "bytes_skipped": self.reader.parser.skipped,
+            "packets_ignored": self._finder.ignored,
+            **self.disbelieved(),
+            "positions_before_fix": self.navigation.unpositioned,
+            "reboots": self.navigation.reboots,
+            "clock_leaps": self.navigation.leaps,
+            "position_jumps": self.navigation.jumps,
+        }
+
+    def disbelieved(self) -> dict[str, int]:
+        """Return counters of complete packets and values that were not used."""
+        signatures = self.disbelieved_signatures() or {}
+        return {
+            "packets_incompatible": self.reader.parser.incompatible,
+            "packets_malformed": self.reader.parser.malformed,
+            **{f"packets_{why}": count for why, count in signatures.items()},
+            "values_refused": self.navigation.refused,
+            "stray_times": self.navigation.times.strays,
+            "stray_positions": self.navigation.places.strays,
+        }
+
+    def disbelieved_signatures(self) -> dict[str, int] | None:
+        """Return the number of packets refused for their signature, by reason; None without a key."""
+        return dict(self.reader.signing.refused) if self.reader.signing else None
+
+    def why_no_vehicle(self) -> NoVehicle:
+        """Return the traffic received, in words, if no vehicle was found."""
+        if self._heartbeats.interrupted:
+            return NoVehicle("link lost", self._heartbeats.interrupted)
+        packets, refused = self.reader.parser.packets, tuple((self.disbelieved_signatures() or {}).items())
+        if not packets:
+            return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
+        reason: NoVehicleReason = "no heartbeat"
+        if self._finder.refusals or self._finder.refused_vehicle:
+            reason = "no signature" if self._finder.refusals else "other vehicles"
+        return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
+
+    def why_no_pose(self) -> NoPose:
+        """Return the reason why there is a vehicle but no pose."""
+        if self.vehicle is None:
+            return NoPose("no vehicle")
+        nowhere = self.navigation.track.first_position is None
+        zeros = nowhere and self.navigation.unpositioned > 0
+        missing = []
+        for stream in self.streams.wanted:
+            is_position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in stream.ids
+            if not any(stream.seen.values()) and not (zeros and is_position):
+                promised = is_position and stream.promised
+                missing.append(SilentStream(stream.name, *stream.asked, self._heartbeats.passive, promised))
+        if zeros:
+            return NoPose("zero position", tuple(missing))
+        if missing:
+            return NoPose("streams missing", tuple(missing))
+        return NoPose("impossible position" if nowhere else "streams stopped")

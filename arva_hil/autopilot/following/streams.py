@@ -66,11 +66,32 @@ class Stream:
         span = _MEASURE_S if now - since > _MEASURE_S else max(now - since, 0.1)
         return max(map(len, self.seen.values())) / span
 
-    def fast_until(self, now: float, since: float) -> float:
-        """Return the time [s] until which a stream that is fast enough `now` stays so without messages."""
+    def fast_until(self, now: float, since: float) -> float | None:
+        """Return the time [s] until which the stream is fast enough without messages, None if it is too slow `now`."""
+        rate = self.rate(now, since)
+        if rate < _ENOUGH * self.want_hz and now - since >= (_JUDGE_S if rate else _SILENT_S):
+            return None
         newest = max(self.seen.values(), key=len)
         enough = math.ceil(_ENOUGH * self.want_hz * _MEASURE_S)
         return newest[-enough] + _MEASURE_S if now - since > _MEASURE_S and enough <= len(newest) else now
+
+
+class HomeRequests:
+    """Remembers the requests for the home position, and when the next one is due."""
+
+    def __init__(self, now: float) -> None:
+        self._next_s = now
+        self._count = 0
+
+    def poll(self, now: float, system: int, component: int) -> list[Any]:
+        """Return the request, if it is due: REQUEST_MESSAGE and the older GET_HOME_POSITION, in turn."""
+        if now < self._next_s:
+            return []
+        self._next_s = now + _AGAIN_S[0]
+        self._count += 1
+        if not self._count % 2:
+            return [command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)]
+        return [command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HOME_POSITION)]
 
 
 class Streams:
@@ -78,36 +99,36 @@ class Streams:
 
     A stream is requested with SET_MESSAGE_INTERVAL, one request at a time because its acknowledgement does not name the
     message. A denied rate is halved. If the command is unknown or has no effect, REQUEST_DATA_STREAM is used. Streams
-    that are fast enough already are not requested. `extras`: message id → Hz of optional streams.
-    `vehicle`: its name in events, which go to `emit`.
+    that are fast enough already are not requested. `rate_hz`: of the pose streams. `vehicle`: its name in
+    events, which go to `emit`.
     """
 
-    def __init__(
-        self, rate_hz: float, now: float, extras: Mapping[int, float], vehicle: str, emit: Callable[[Event], None]
-    ) -> None:
-        self._since = now
+    def __init__(self, rate_hz: float, vehicle: str, emit: Callable[[Event], None]) -> None:
+        self.rate_hz = rate_hz
         self._vehicle = vehicle
         self._emit = emit
-        self._pending: tuple[Stream, float] | None = None
-        self._home_next = now
-        self._home_asks = 0
-        self._next_ask = 0.0  # when to check the next stream
-        self.home_wanted = True
+        self._extras: dict[int, float] = {}
+        self.restart(0.0)
+
+    def restart(self, now: float) -> None:
+        """Begin with a new vehicle, which has got no request."""
         self.wanted = [
-            Stream("GLOBAL_POSITION_INT", (_POSITION,), dialect.MAV_DATA_STREAM_POSITION, rate_hz),
-            Stream("ATTITUDE", _ATTITUDES, dialect.MAV_DATA_STREAM_EXTRA1, rate_hz),
+            Stream("GLOBAL_POSITION_INT", (_POSITION,), dialect.MAV_DATA_STREAM_POSITION, self.rate_hz),
+            Stream("ATTITUDE", _ATTITUDES, dialect.MAV_DATA_STREAM_EXTRA1, self.rate_hz),
         ]
-        self.extras: list[Stream] = []
-        self._seen: dict[int, deque[float]] = {}
-        self.want(extras)
+        self._all = self.wanted[:]
+        self._pending: tuple[Stream, float] | None = None
+        self._since = now
+        self._home = HomeRequests(now)
+        self.want(self._extras)
 
     def want(self, extras: Mapping[int, float]) -> None:
-        """Request these streams too: message id → Hz."""
-        for msgid, rate_hz in extras.items():
-            self.extras.append(Stream(f"message {msgid}", (msgid,), 0, rate_hz, needed=False))
-        self._all, self._next_ask = self.wanted + self.extras, 0.0
+        """Request these optional streams too: message id → Hz."""
+        self._extras |= extras
+        self._all += [Stream(f"message {msgid}", (msgid,), 0, hz, needed=False) for msgid, hz in extras.items()]
+        self._next_check = 0.0  # of the streams
         self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
-        self.extra_ids = frozenset(stream.ids[0] for stream in self.extras)
+        self.extra_ids = frozenset(stream.ids[0] for stream in self._all if not stream.needed)
 
     def on_message(self, msgid: int, now: float) -> None:
         """Count a message of a stream."""
@@ -120,37 +141,34 @@ class Streams:
     def renew(self, now: float) -> None:
         """Request all streams again, with the commands that worked: the vehicle may have forgotten them."""
         self._since = now
-        self._pending, self._next_ask = None, 0.0
-        self._home_next = now
-        self._home_asks = 0
+        self._pending, self._next_check = None, 0.0
+        self._home = HomeRequests(now)
         for stream in self._all:
             for times in stream.seen.values():
                 times.clear()
             stream.tries, stream.next_ask, stream.anew, stream.refused = 0, 0.0, True, False
 
-    def poll(self, now: float, system: int, component: int) -> list[Any]:
-        """Return the requests that are due, as messages."""
-        messages = []
-        if self.home_wanted and now >= self._home_next:
-            messages.append(self._ask_home(system, component))
-            self._home_next = now + _AGAIN_S[0]
+    def poll(self, now: float, system: int, component: int, *, home: bool) -> list[Any]:
+        """Return the requests that are due, as messages. `home`: the home position is wanted too."""
+        messages = self._home.poll(now, system, component) if home else []
         if self._pending and now - self._pending[1] > _ACK_S:
             stream, _ = self._pending
             stream.asked = StreamRequest("SET_MESSAGE_INTERVAL", stream.want_hz)
             self._pending = None
-        if self._pending or now < self._next_ask:
+        if self._pending or now < self._next_check:
             return messages
         for stream in self._all:
             if self._pending:
                 return messages  # the other streams once it is answered
             if now < stream.next_ask or stream.refused:
                 continue
-            if stream.anew or self._too_slow(stream, now):
+            fast_until = None if stream.anew else stream.fast_until(now, self._since)
+            if fast_until is None:
                 messages.append(self._ask(stream, now, system, component))
             else:
-                stream.tries, stream.next_ask = 0, max(stream.fast_until(now, self._since), now + _LOOK_S)
+                stream.tries, stream.next_ask = 0, max(fast_until, now + _LOOK_S)
         if not self._pending:
-            self._next_ask = min([stream.next_ask for stream in self._all if not stream.refused])
+            self._next_check = min([stream.next_ask for stream in self._all if not stream.refused])
         return messages
 
     def acknowledged(self, command: int, result: int, now: float) -> None:
@@ -158,7 +176,7 @@ class Streams:
         if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
             return
         stream, _ = self._pending
-        self._pending, self._next_ask = None, 0.0
+        self._pending, self._next_check = None, 0.0
         if not stream.needed:
             stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
             return
@@ -170,10 +188,6 @@ class Streams:
             self._emit(StreamRateLowered(now, self._vehicle, stream.name, *stream.asked, stream.want_hz))
         elif result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED):
             self._change_kind(stream, now)
-
-    def _too_slow(self, stream: Stream, now: float) -> bool:
-        rate = stream.rate(now, self._since)
-        return rate < _ENOUGH * stream.want_hz and now - self._since >= (_JUDGE_S if rate else _SILENT_S)
 
     def _ask(self, stream: Stream, now: float, system: int, component: int) -> Any:
         if stream.tries and stream.tries % _PATIENCE == 0 and stream.needed:
@@ -188,13 +202,6 @@ class Streams:
             return dialect.MAVLink_request_data_stream_message(system, component, stream.group, every_hz, 1)
         self._pending = (stream, now)
         return command(system, component, _SET_INTERVAL, stream.ids[0], 1e6 / stream.want_hz)
-
-    def _ask_home(self, system: int, component: int) -> Any:
-        """Request the home position with REQUEST_MESSAGE and the older GET_HOME_POSITION, in turn."""
-        self._home_asks += 1
-        if not self._home_asks % 2:
-            return command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
-        return command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 
     def _change_kind(self, stream: Stream, now: float) -> None:
         stream.by_group = not stream.by_group

@@ -163,7 +163,7 @@ class AutopilotProbe:
                 recorded,
                 stream.promised,
             )
-            for stream in self.session.streams
+            for stream in self.session.streams.wanted
         ]
 
     def lags(self, now: float) -> list[float]:

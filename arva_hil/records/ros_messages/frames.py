@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from arva_hil.model.field import LocalFrame, quaternion, rotation
+from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.ros_messages.types import Point, Pose, Quaternion, Transform, Vector3
 
 _NED_TO_ENU = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # (w, x, y, z): half a turn about the line north-east
@@ -32,8 +32,8 @@ def body_vector(frd: Sequence[float]) -> Vector3:
 
 def orientation(matrix: ArrayLike) -> Quaternion:
     """Convert a rotation (3, 3) FRD → NED to the quaternion FLU → ENU."""
-    of_body = quaternion.from_euler(*rotation.to_euler(matrix).tolist())
-    w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_body), _FLU_TO_FRD)
+    of_body = rotation.from_angles(*rotation.to_euler(matrix).tolist())
+    w, x, y, z = rotation.multiply(rotation.multiply(_NED_TO_ENU, of_body), _FLU_TO_FRD)
     return Quaternion(x, y, z, w)
 
 
@@ -51,7 +51,7 @@ def transform(of: Pose) -> Transform:
 def between(world: LocalFrame, own: LocalFrame) -> Transform:
     """Return the transform from the ENU frame of `own` to that of `world`."""
     origin, *ends = world.ned(*own.lla([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
-    of_own = quaternion.from_euler(*rotation.to_euler(np.stack([end - origin for end in ends], axis=1)).tolist())
-    w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_own), _NED_TO_ENU)
+    of_own = rotation.from_angles(*rotation.to_euler(np.stack([end - origin for end in ends], axis=1)).tolist())
+    w, x, y, z = rotation.multiply(rotation.multiply(_NED_TO_ENU, of_own), _NED_TO_ENU)
     at = point(origin.tolist())
     return Transform(Vector3(at.x, at.y, at.z), Quaternion(-x, -y, -z, -w))  # two half turns change the sign

@@ -7,15 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from arva_hil.autopilot.commanding.commander import Commander
-from arva_hil.autopilot.commanding.state import Phase
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.commanding.commander import Commander, Phase
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FrameHeard, SearchBegun, SearchEnded, TakeOffPoint
 from arva_hil.model.field.geodesy import LocalFrame
-from arva_hil.model.field.quaternion import heading
+from arva_hil.model.field.rotation import heading
 from arva_hil.search.flight.detour import Detour
 from arva_hil.search.flight.team_report import TeamReport
 from arva_hil.search.mission.ground import Ground
@@ -59,11 +58,11 @@ class MissionRun:
         self._report_s = -math.inf  # when a frame may be reported next
         self._skipped_s = 0.0  # in gaps, which do not count for the mission
 
-    def on_frame(self, frame: Frame, now: float) -> None:
-        """Use a new frame."""
+    def on_frame(self, frame: Frame, state: VehicleState | None, now: float) -> None:
+        """Use a new frame. `state`: as `state` returns it."""
         self._new_frame = frame
         position = heading_deg = None
-        if (state := self._state(now)) is not None:
+        if state is not None:
             place, rotation = self._plan.mount.pose(state.position, state.attitude)
             position, heading_deg = as_position(place), math.degrees(math.atan2(rotation[1, 0], rotation[0, 0]))
             if self.mission is not None:
@@ -76,7 +75,7 @@ class MissionRun:
         self.origin = origin
         self._emit(TakeOffPoint(now, *lla(origin, 0.0, 0.0, 0.0)))
 
-    def _state(self, now: float) -> VehicleState | None:
+    def state(self, now: float) -> VehicleState | None:
         """Return the pose for the flight, None if there is none that is new enough."""
         state = self._session.navigation.state_at(now, self.origin) if self.origin else None
         return state if state is not None and state.age_s < OLD_S else None
@@ -138,11 +137,12 @@ class Flight(MissionRun):
         self.report_place(now, searching=True)
         return self._team is not None and self._team.under_another
 
-    def fly(self, now: float) -> None:
-        """Fly one step."""
+    def fly(self, now: float, state: VehicleState | None) -> None:
+        """Fly one step. `state`: as `state` returns it."""
         if self.origin is None and (origin := self._commander.origin):
             self._begin_at(now, origin.frame)
-        phase, state, velocity = self._commander.phase, self._state(now), STAY
+            state = self.state(now)
+        phase, velocity = self._commander.phase, STAY
         if not self._commander.authority.settled:
             return
         if state is None:

@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from arva_hil.autopilot.commanding.commander import Commander
-from arva_hil.autopilot.commanding.state import Phase
+from arva_hil.autopilot.commanding.commander import Commander, Phase
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import Clock
 from arva_hil.events import Event
@@ -130,12 +130,13 @@ class SearchClient:
             now = self._now_s = clock.now()
             if not self.launched:
                 self._preflight.watch_link(now)
-            frames = self._receiver.read(now)
+            frames, run = self._receiver.read(now), self._dry_run or self._flight
+            state = run.state(now) if frames or now >= self._next_step else None
             for frame in frames:
-                (self._dry_run or self._flight).on_frame(frame, now)
+                run.on_frame(frame, state, now)
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
-                self._step(now)
+                self._step(now, state)
             return min(self._next_step, self._line.speak(clock, self._due, self._commander.sent))
         except LinkError as error:  # of the autopilot's link
             self._cut_off(because(Why.ERROR, text=str(error)))
@@ -182,13 +183,14 @@ class SearchClient:
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
         """Return the bytes to send: those without and those with orders."""
-        told = self._tunnel.poll() if self._tunnel else []
+        told, launched = self._tunnel.poll() if self._tunnel else [], self.launched
         if not self._dry_run and self.outcome is None and self._session.reachable:
-            told = told + self._claim.poll(now, self._session.clock.boot(now), launched=self.launched)
+            told = told + self._claim.poll(now, self._session.navigation.clock.boot(now), launched=launched)
         packed = b"".join(map(self._session.encoder.pack, told))
         requests, events = self._session.poll(now)
         self._events += events
-        return requests + self._preflight.poll(now) + packed, self._commander.poll(now)
+        questions = b"" if launched else self._preflight.poll(now)
+        return requests + questions + packed, self._commander.poll(now)
 
     def _pass_on(self) -> None:
         events = self._events[:]
@@ -196,7 +198,7 @@ class SearchClient:
         for event in events:
             self._emit(event)
 
-    def _step(self, now: float) -> None:
+    def _step(self, now: float, state: VehicleState | None) -> None:
         phase = self._commander.phase
         if self.outcome is not None:
             self._flight.report_place(now, searching=False)
@@ -221,7 +223,7 @@ class SearchClient:
             if self._receiver.silent(now, self._plan.patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:
-            self._flight.fly(now)
+            self._flight.fly(now, state)
 
     def _wait(self, now: float) -> None:
         if self._dry_run is None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from arva_hil.events import Event
@@ -91,11 +91,19 @@ class SetPointCheck:
 
     def _judge(self, time_s: float) -> Deviation | None:
         window = self._window
-        while window and (time_s - window[0].time_s > _OLDEST_S or _is_enough(list(window)[1:])):
+        seconds = squared = 0.0
+        for sample in window:
+            seconds += sample.seconds
+            squared += sample.squared
+        while window:
+            first = window[0]
+            without = seconds - first.seconds, squared - first.squared
+            if time_s - first.time_s <= _OLDEST_S and not _is_enough(*without):
+                break
             window.popleft()
-        if not _is_enough(list(window)):
+            seconds, squared = without
+        if not _is_enough(seconds, squared):
             return None
-        seconds, squared = _totals(window)
         by_velocity, by_position = (sum(values) / squared for values in zip(*(s.products for s in window), strict=True))
         speed = math.sqrt(squared / seconds)
         scale = min(1.0, 1.0 / speed)
@@ -106,18 +114,9 @@ class SetPointCheck:
         return Deviation(seconds, speed * seconds, abs(by_velocity) * speed * seconds, off_deg)
 
 
-def _is_enough(window: list[_Sample]) -> bool:
-    seconds, squared = _totals(window)
+def _is_enough(seconds: float, squared: float) -> bool:
+    """Return True if a window is long enough [s], and the sum of its squared commands large enough [m²/s]."""
     return seconds >= _WINDOW_S - 1e-6 and squared >= _LEAST
-
-
-def _totals(window: Iterable[_Sample]) -> tuple[float, float]:
-    """Return the length of a window [s], and the sum of the squared commands [m²/s]."""
-    seconds = squared = 0.0
-    for sample in window:
-        seconds += sample.seconds
-        squared += sample.squared
-    return seconds, squared
 
 
 class Detour:

@@ -9,14 +9,14 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-from arva_hil.autopilot.commanding.state import EVERY_S
+from arva_hil.autopilot.commanding.commander import EVERY_S
 from arva_hil.autopilot.following.modes import Modes, modes_of
-from arva_hil.autopilot.following.pose_track import PositionSample
+from arva_hil.autopilot.following.navigation import PositionSample
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import DryRunBegun, OrderDetail, SetPointPlanned, WouldOrder
-from arva_hil.model.field.quaternion import heading
+from arva_hil.model.field.rotation import heading
 from arva_hil.search.flight.airborne import STAY, MissionRun
 from arva_hil.search.mission.ground import Ground, Height
 from arva_hil.search.mission.mission import Mission
@@ -57,7 +57,7 @@ class DryRun(MissionRun):
 
     def step(self, now: float, mode: int) -> Refusal | None:
         """Report the orders that would be sent now, in this `mode`. Returns the outcome, None before the end."""
-        place = self._session.track.last_position
+        place = self._session.navigation.track.last_position
         if self.mission is None:
             assert self._session.vehicle is not None
             assert place is not None
@@ -77,7 +77,7 @@ class DryRun(MissionRun):
 
     def _begin(self, now: float, mode: int, modes: Modes, place: PositionSample) -> None:
         session, take_off = self._session, self._plan.take_off
-        home = session.home
+        home = session.navigation.home
         place = place._replace(alt=home[2]) if self._plan.take_over and home else place
         self._begun_s, emit = now, self._emit
         self._begin_at(now, place.frame)
@@ -89,18 +89,18 @@ class DryRun(MissionRun):
             emit(WouldOrder(now, "NAV_TAKEOFF", OrderDetail(height_m=take_off)))
         if mode != modes.steer and (self._plan.take_over or modes.steer != modes.take_off):
             emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(modes.name(modes.steer), set_points_hz=1 / EVERY_S)))
-        state = self._state(now)
+        state = self.state(now)
         place_ned = self._lifted((0.0, 0.0, float(state.position[2]) if state is not None else 0.0))
         self.mission = Mission(self._plan, now, place_ned, emit=emit, worker=self._worker)
         if self._new_frame is not None:
-            self.on_frame(self._new_frame, now)
+            self.on_frame(self._new_frame, state, now)
 
     def _lifted(self, place: Position) -> Position:
         """Return the vehicle's place after its take-off."""
         return place if self._plan.take_over else (place[0], place[1], min(place[2], -self._plan.take_off))
 
     def _fly(self, now: float, mission: Mission) -> None:
-        state = self._state(now)
+        state = self.state(now)
         if state is None:
             return
         receiver = self._plan.mount.place(state.position, state.attitude)

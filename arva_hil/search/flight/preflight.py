@@ -64,7 +64,11 @@ class Hover:
         return why
 
     def _why_not(self, mode: int) -> Reason | None:
-        vehicle, place, home = self._session.vehicle, self._session.track.last_position, self._session.home
+        vehicle, place, home = (
+            self._session.vehicle,
+            self._session.navigation.track.last_position,
+            self._session.navigation.home,
+        )
         if vehicle is None or place is None or home is None:
             return because(Why.HOME_UNKNOWN)
         if not vehicle.armed:
@@ -267,6 +271,6 @@ class Preflight:
         return Refusal(kind, why()) if now - self._since > self._plan.timeout_s else False
 
     def _has_pose(self, now: float) -> bool:
-        place = self._session.track.last_position
+        place = self._session.navigation.track.last_position
         state = self._session.navigation.state_at(now, place.frame) if place else None
         return state is not None and state.age_s < OLD_S and not self._session.lost

@@ -48,7 +48,7 @@ class TeamReport:
 
         After the search (not `searching`) a pilot may fly it. Once it has landed, it is not reported again.
         """
-        vehicle, last = self._session.vehicle, self._session.track.last_position
+        vehicle, last = self._session.vehicle, self._session.navigation.track.last_position
         if vehicle is None or last is None or not (searching or vehicle.armed or self._flying):
             return
         origin = origin or last.frame

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,8 +14,8 @@ from arva_hil.events import Event
 from arva_hil.events.searches import TransmitterChosen, TransmitterFaded, TransmitterHeard, TransmitterLeft
 from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.strategy import Observation, Position
-from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Frame
-from firmware_proto.measured import VectorChannel
+from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Channel, Frame
+from firmware_proto.measured import LevelChannel, VectorChannel
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
 _NEARER: Final = 0.7  # choose another transmitter only if it is nearer by this factor
@@ -37,30 +37,32 @@ class HeardTransmitter:
     last_m: float = math.inf
     last_s: float = -math.inf
 
-    def add(self, observation: Observation) -> None:
-        """Use a new reading of it."""
-        self.last_m, self.last_s = observation.d_m, observation.time_s
-        if self.last_m < self.nearest_m:
-            self.nearest_m, self.nearest_at = self.last_m, observation.position[:2]
-
 
 def id_of(id_: int | None) -> int | None:
     """Return the id as in a frame."""
     return None if id_ == NO_ID else id_
 
 
-def observations(
-    frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64], ground: float | None
-) -> dict[int, Observation]:
-    """Return the readings with a signal in a frame, one for each id (or none): the nearest if there are several."""
-    best: dict[int, Observation] = {}
+def pulses(frame: Frame) -> list[tuple[Channel, VectorChannel | LevelChannel | None]]:
+    """Return the channels of a frame that have a signal, each with its measured values if the frame carries them."""
     measured = frame.measured.channels if frame.measured else (None,) * len(frame.channels)
-    for channel, pulse in sorted(zip(frame.channels, measured, strict=True), key=lambda pair: pair[0].d):
-        if channel.valid:
-            o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER, ground)
-            if isinstance(pulse, VectorChannel) and pulse.age_ms is not None:
-                o = o._replace(signal=(pulse.x, pulse.y, pulse.z), age_s=pulse.age_ms / 1e3)
-            best.setdefault(NO_ID if channel.id is None else channel.id, o)
+    return [pair for pair in zip(frame.channels, measured, strict=True) if pair[0].valid]
+
+
+def observations(
+    received: Sequence[tuple[Channel, VectorChannel | LevelChannel | None]],
+    time_s: float,
+    position: Position,
+    rotation: NDArray[np.float64],
+    ground: float | None,
+) -> dict[int, Observation]:
+    """Return the readings of the `pulses` of a frame, one for each id (or none): the nearest if there are several."""
+    best: dict[int, Observation] = {}
+    for channel, pulse in sorted(received, key=lambda pair: pair[0].d):
+        o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER, ground)
+        if isinstance(pulse, VectorChannel) and pulse.age_ms is not None:
+            o = o._replace(signal=(pulse.x, pulse.y, pulse.z), age_s=pulse.age_ms / 1e3)
+        best.setdefault(NO_ID if channel.id is None else channel.id, o)
     return best
 
 
@@ -106,7 +108,10 @@ class Choice:
                 return
             self.heard[id_] = HeardTransmitter()
             self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
-        self.heard[id_].add(observation)
+        one = self.heard[id_]
+        one.last_m, one.last_s = observation.d_m, observation.time_s
+        if one.last_m < one.nearest_m:
+            one.nearest_m, one.nearest_at = one.last_m, observation.position[:2]
         self._guidance.add(id_, observation)
 
     def choose(self, ids: Collection[int], time_s: float, *, masked: bool = False) -> None:
@@ -130,8 +135,9 @@ class Choice:
             if hardly or deaf:
                 self._abandon()
                 self._emit(TransmitterFaded(time_s, id_of(self.target), hardly))
+        flown = self.target if self.hunting else None  # not passed by, as checked above
         known = [id_ for id_ in ids if id_ in self.heard]
-        heard = {id_: self.heard[id_] for id_ in known if not self._passes(id_, self.hunting and id_ == self.target)}
+        heard = {id_: self.heard[id_] for id_ in known if id_ == flown or not self._passes(id_, False)}
         for id_, (metres, since_s) in self._put_off.items():
             self._put_off[id_] = metres, since_s if id_ in ids or masked else time_s
             enough_m = metres if time_s - since_s >= _STEADY_S else _CLOSER * metres

@@ -14,15 +14,14 @@ from collections.abc import Callable
 from itertools import combinations
 from typing import Final, NamedTuple
 
-from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import HeightOrigin, HeightSource, SensorsDisagree
-from arva_hil.model.field.quaternion import matrix
-from arva_hil.search.mission.height_sensors import FRESH_S, HeightSensors, Survey
-from arva_hil.search.mission.range_check import Odometry, RangeCheck
+from arva_hil.model.field.rotation import matrix
+from arva_hil.search.mission.height_sensors import FRESH_S, Distance, HeightSensors, Odometry, RangeCheck, Survey
 from arva_hil.search.strategies.plan import SearchPlan
 
 _SURVEY_OFF_M: Final = 10.0  # that the ground may be higher than it says: the relative accuracy of SRTM (90 %)
@@ -116,13 +115,14 @@ class Ground:
         self._sensors.on_packets(received, now)
 
     def height(self, now: float, state: VehicleState, ordered: float = 0.0) -> Height:
-        """The height for the flight. `state`: NED from the take-off point. `ordered`: velocity down [m/s]."""
+        """Return the height for the flight. `state`: NED from the take-off point. `ordered`: velocity down [m/s]."""
         above = -float(state.position[2])
         motion, sensors = self._move(now, state, ordered), self._sensors
+        distance, clearance = sensors.distance(now), sensors.clearance(now)
         low, high = _MARGIN_M
         sigma = max(low, min(_SIGMAS * sensors.gps_sigma, high))
         altitudes = self._altitudes(now, above, motion)
-        measured, margin = self._measured(motion, state, altitudes), 0.0
+        measured, margin = self._measured(motion, state, altitudes, distance), 0.0
         if measured is not None:
             lowest, self._below = measured, above - measured
             self._report("rangefinder", now)
@@ -132,10 +132,14 @@ class Ground:
             lowest = self._unmeasured(now, state, altitudes, 0.0 if only_gps else sigma)
             if only_gps:
                 self._report("GPS", now, margin)
-        clearance = sensors.clearance(now)
         if clearance is not None and (measured is None or measured - clearance > _CLEARANCE_OFF_M):
             lowest = min(lowest, clearance)
-        still, doubt = self._compare(now, altitudes, measured, sigma)
+        found: dict[tuple[str, str], tuple[float, float]] = {}
+        if distance and (values := self._range.deviation(now)):
+            found["rangefinder", "vertical speed"] = values
+        if measured is not None and clearance is not None and abs(measured - clearance) > _CLEARANCE_OFF_M:
+            found["rangefinder", "autopilot's clearance"] = measured, clearance
+        still, doubt = self._compare(now, altitudes, sigma, found)
         landed = sensors.landed(now) or self._stalled > _CONTACT_M
         return Height(lowest, measured is not None, margin, self._below, still or self._range.still, doubt, landed)
 
@@ -161,7 +165,7 @@ class Ground:
         return self._motion
 
     def _altitudes(self, now: float, above: float, motion: Odometry) -> dict[str, float]:
-        """The altitudes above the take-off point by each sensor [m]. A jump of the estimated one is left out."""
+        """Return the altitudes above the take-off point by each sensor [m]. A jump of the estimated one is left out."""
         change, self._reported = above - motion.climbed - self._reported, above - motion.climbed
         if abs(change) <= _JUMP_M:
             self._levels["altitude"].offset += change
@@ -176,12 +180,14 @@ class Ground:
             known.append("GPS")
         return {name: motion.climbed + self._levels[name].offset for name in known}
 
-    def _measured(self, motion: Odometry, state: VehicleState, altitudes: dict[str, float]) -> float | None:
-        """The rangefinder's height, checked; None without one."""
+    def _measured(
+        self, motion: Odometry, state: VehicleState, altitudes: dict[str, float], distance: Distance | None
+    ) -> float | None:
+        """Return the rangefinder's height, checked; None without one."""
         sure = [name for name in altitudes if name != "GPS"]
         if motion.time_s == self._start.time_s and "barometer" in sure and not self._plan.take_over:
             self._range.begin(self._start, motion.climbed - max(altitudes[name] for name in sure))
-        level, distance = matrix(*state.attitude)[2][2], self._sensors.distance(motion.time_s)
+        level = matrix(*state.attitude)[2][2]
         if distance is None or level < _LEVEL:
             self._checked = None
             return None
@@ -198,7 +204,7 @@ class Ground:
         return metres
 
     def _unmeasured(self, now: float, state: VehicleState, altitudes: dict[str, float], gps_off: float) -> float:
-        """The height above the highest ground, or by the terrain database. `gps_off`: the error of GPS [m]."""
+        """Return the height above the highest ground, or by the terrain database. `gps_off`: the error of GPS [m]."""
         above = -float(state.position[2])
         rise, survey = self._surveyed(now, above, state), self._sensors.survey(now)
         if rise is not None or self._doubted:
@@ -243,23 +249,20 @@ class Ground:
         return None if self._doubted else rise
 
     def _compare(
-        self, now: float, altitudes: dict[str, float], measured: float | None, sigma: float
+        self, now: float, altitudes: dict[str, float], sigma: float, found: dict[tuple[str, str], tuple[float, float]]
     ) -> tuple[bool, Reason | None]:
-        """Emit each pair that disagrees once. Returns whether sensors disagree, and those that do so for long."""
+        """Emit each pair that disagrees once. Returns whether sensors disagree, and the pairs that do so for long.
+
+        `found`: the pairs that disagree already, and their values.
+        """
         errors = dict(_ERRORS_M, GPS=_ERRORS_M["GPS"] + sigma)
         errors["barometer"] += _WEATHER * (now - self._start.time_s)
-        found = {}
         for (one, a), (two, b) in combinations(altitudes.items(), 2):
             if abs(a - b) > errors[one] + errors[two]:
                 found[one, two] = a, b
         until, *jump = self._jump
         if now < until:
             found["altitude", "vertical speed"] = jump[0], jump[1]
-        if self._sensors.distance(now) and (values := self._range.deviation(now)):
-            found["rangefinder", "vertical speed"] = values
-        clearance = self._sensors.clearance(now)
-        if measured is not None and clearance is not None and abs(measured - clearance) > _CLEARANCE_OFF_M:
-            found["rangefinder", "autopilot's clearance"] = measured, clearance
         for pair in found.keys() - self._disagree.keys():
             self._emit(SensorsDisagree(now, pair[0], found[pair][0], pair[1], found[pair][1]))
         self._disagree = {pair: self._disagree.get(pair, now) for pair in found}

@@ -1,8 +1,10 @@
-"""The newest values of an autopilot's height sensors, from its messages.
+"""The newest values of an autopilot's height sensors, from its messages, and the check of its rangefinder.
 
 Messages, https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR or ArduPilot's RANGEFINDER measure the height.
 SCALED_PRESSURE and GPS_RAW_INT measure the altitude. TERRAIN_REPORT is of a database. ALTITUDE.bottom_clearance and
 EXTENDED_SYS_STATE are estimates of the autopilot.
+
+The rangefinder is compared with the vehicle's motion: the ground cannot change where the vehicle does not fly.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ class HeightSensors:
         self._barometer: bool | None = None  # there is a barometer that works; None: not reported
         self._standing_pressure: float | None = None
         self._standing_gps: float | None = None
-        session.want(EXTRAS)
+        session.streams.want(EXTRAS)
 
     def on_packets(self, received: Received, now: float) -> None:
         """Use what the session received at `now`."""
@@ -199,3 +201,125 @@ _HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: HeightSensors._on_gps,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: HeightSensors._on_state,
 }
+
+
+_WINDOW_S: Final = 2.0
+_STEEPEST: Final = 1.0  # of a slope: the ground changes no faster, but in steps within the tolerance
+_SILENT_S: Final = 10.0  # without a sample: lower ground afterwards is not used
+_AT_REST_M_S: Final = 0.1  # of speed: no step of the ground is possible
+_NOTED_S: Final = 3.0  # after a step that is possible
+_FORGET: Final = 0.2  # of a step up, which may end with a step down: metres a metre of flight
+_STUCK_M: Final = 0.5  # of climb or descent while the rangefinder repeats one value,
+_FOLLOWED: Final = 0.5  # and more above a slope of at most this, which the vehicle follows
+_SAME_M: Final = 1.0  # of flight with one value, before the ground may have risen
+_SAME_SLOPE: Final = 0.2  # of that ground
+_DRIFT: Final = 0.05  # m/s: more is found as a change of the ground
+_DRIFTED_M: Final = 0.6  # that it may have drifted before it is checked
+_HOVER_M_S: Final = 0.3
+_CHECK_S: Final = 4.0  # of hovering
+_SUNK_M: Final = 1.0  # of climb or descent in that time: it does not hover
+_STEADY_M: Final = 0.1  # of change in that time
+
+
+class Odometry(NamedTuple):
+    """The motion of the vehicle by its velocity."""
+
+    time_s: float
+    climbed: float
+    """Climb since the start [m]."""
+    flown: float
+    """Length of the flight over ground since the start [m]."""
+    speed: float
+    """Speed over ground [m/s]."""
+    place: tuple[float, float]
+    """North and east [m]."""
+
+
+class RangeCheck:
+    """Remembers the ground and the error of the rangefinder. `tolerance`: of a change of the ground [m].
+
+    `still`: the vehicle must hover, to find out if the rangefinder drifts.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        self.still = False
+        self._tolerance = tolerance
+        self._past: deque[tuple[Odometry, float]] = deque()  # and the ground, above the place of the start [m]
+        self._offset = 0.0  # of the steps that may be the rangefinder's error; below 0: a step up
+        self._flown = 0.0
+        self._same: tuple[float, Odometry] | None = None  # the sample, and the motion since it is the same
+        self._noted: tuple[float, float, float] | None = None  # until when, value and expected value
+        self._drifts: tuple[float, float] | None = None
+        self._checked_s: float | None = None
+        self._hover: tuple[Odometry, float] | None = None  # since when, and the height then
+
+    def begin(self, motion: Odometry, ground: float) -> None:
+        """Use the ground at the start [m above it]."""
+        self._past.append((motion, ground))
+
+    def deviation(self, now: float) -> tuple[float, float] | None:
+        """Return the value of a rangefinder that contradicts the motion, and the expected value [m]."""
+        if self._noted is not None and now < self._noted[0]:
+            return self._noted[1:]
+        return self._drifts
+
+    def height(self, motion: Odometry, metres: float, sample: float, confirmed: float) -> float | None:
+        """Return the lowest height that may be true; None if the rangefinder is stuck.
+
+        `metres`: as measured; `sample`: the rangefinder's last one; `confirmed`: the height above the highest ground,
+        by the altitude.
+        """
+        if self._same is None or sample != self._same[0]:
+            self._same = sample, motion
+        since = self._same[1]
+        climbed, flown = motion.climbed - since.climbed, motion.flown - since.flown
+        if abs(climbed) >= _STUCK_M + _FOLLOWED * flown:
+            self._contradict(motion, metres, metres + climbed, lasts=False)
+            return None
+        self._step(motion, metres)
+        unseen = _SAME_SLOPE * max(0.0, flown - _SAME_M)
+        return self._undrifted(motion, metres - max(0.0, self._offset), confirmed) - unseen
+
+    def _step(self, motion: Odometry, metres: float) -> None:
+        """Compare the ground with the ground before: what the flight does not explain is an error."""
+        ground, past = motion.climbed - metres, self._past
+        while len(past) > 1 and motion.time_s - past[0][0].time_s > _WINDOW_S:
+            past.popleft()
+        self._offset = min(max(self._offset, 0.0), self._offset + _FORGET * (motion.flown - self._flown))
+        self._flown = motion.flown
+
+        most = step = 0.0
+        for before, was in past:
+            known = motion.time_s - before.time_s <= _SILENT_S
+            aside = math.dist(motion.place, before.place) if known else 0.0
+            excess = abs(was - ground) - _STEEPEST * aside - self._tolerance
+            if excess > most:
+                most, step = excess, was - ground
+        if most > 0:
+            self._offset += step
+            lasts = motion.speed < _AT_REST_M_S and abs(self._offset) > 2 * self._tolerance
+            self._contradict(motion, metres, metres - step, lasts=lasts)
+            past.clear()
+        past.append((motion, ground))
+
+    def _contradict(self, motion: Odometry, metres: float, expected: float, *, lasts: bool) -> None:
+        self._noted = math.inf if lasts else motion.time_s + _NOTED_S, metres, expected
+
+    def _undrifted(self, motion: Odometry, height: float, confirmed: float) -> float:
+        """Return the height less the drift since the last check. Falling ground seems a drift, level ground not."""
+        self._checked_s = motion.time_s if self._checked_s is None else self._checked_s
+        drift = _DRIFT * (motion.time_s - self._checked_s)
+        lowest = min(height, max(height - drift, confirmed))
+        self.still = self.still or height - lowest > _DRIFTED_M
+        if not self.still or motion.speed > _HOVER_M_S:
+            self._hover = None
+        elif self._hover is None or abs(motion.climbed - self._hover[0].climbed) > _SUNK_M:
+            self._hover = motion, height
+        elif motion.time_s - self._hover[0].time_s >= _CHECK_S:
+            before, was = self._hover
+            risen, self._hover = height - was, None
+            drifts = min(abs(risen), abs(risen - motion.climbed + before.climbed)) > _STEADY_M
+            self._drifts = (height, was) if drifts else None
+            if not drifts:
+                self._checked_s, self.still = motion.time_s, False
+        return lowest

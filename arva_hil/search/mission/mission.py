@@ -18,7 +18,7 @@ from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound
 from arva_hil.search.mission.accuracy import UNKNOWN
-from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations
+from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations, pulses
 from arva_hil.search.mission.ground import Height
 from arva_hil.search.mission.height import Descent, HeightKeeper, descent_of
 from arva_hil.search.mission.last_look import AGREES, LISTEN, LOOK_AGAIN, LastLook
@@ -112,11 +112,13 @@ class Mission:
     def on_frame(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
         self.progress.frames += 1
-        if not self._pauses.on_frame(frame, position, time_s):
+        received = pulses(frame)
+        if not self._pauses.on_frame([channel for channel, _ in received], position, time_s):
             return
-        every, heard = observations(frame, time_s, position, rotation, self._keeper.ground), []
+        every, heard = observations(received, time_s, position, rotation, self._keeper.ground), []
+        repeats = self._pauses.readings.repeats
         for id_, o in every.items():
-            if not self._pauses.repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
+            if not repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
                 heard.append(id_)
                 self.choice.add(id_, o)
         if self.victims.several:
@@ -126,7 +128,7 @@ class Mission:
             self.choice.choose(heard, time_s, masked=masked)
             if self.choice.hunting and self.choice.target in heard:
                 self._guidance.observe(every[self.choice.target], self._keeper.wanted)
-            elif self.choice.hunting and not masked and not self._pauses.repeats(id_of(self.choice.target)):
+            elif self.choice.hunting and not masked and not repeats(id_of(self.choice.target)):
                 self._guidance.observe(Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted)
         self._use(self._guidance.exchange(time_s), time_s, position)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from arva_hil.events import Event
@@ -53,15 +53,15 @@ class StuckReadings:
         """Return True if the reading of this transmitter is not of this place, though others of the frame may be."""
         return id_ in self._each and self._each[id_].old
 
-    def on_frame(self, frame: Frame, position: Position, time_s: float) -> None:
-        """Use a new frame and the receiver's place."""
-        heard = tuple(channel for channel in frame.channels if channel.valid)
-        self.whole = self.whole.after(heard, position, time_s)
-        before, self._each = self._each, {}
-        for id_ in {channel.id for channel in heard}:
-            channels = tuple(channel for channel in heard if channel.id == id_)
-            same = before.get(id_) or SameReading(channels, position)
-            self._each[id_] = same.after(channels, position, time_s)
+    def observe(self, heard: Sequence[Channel], position: Position, time_s: float) -> None:
+        """Use the channels of a new frame that have a signal, and the receiver's place."""
+        self.whole = self.whole.after(tuple(heard), position, time_s)
+        before, self._each, by_id = self._each, {}, dict[int | None, list[Channel]]()
+        for channel in heard:
+            by_id.setdefault(channel.id, []).append(channel)
+        for id_, channels in by_id.items():
+            same = before.get(id_) or SameReading(tuple(channels), position)
+            self._each[id_] = same.after(tuple(channels), position, time_s)
 
 
 class SameReading:
@@ -84,20 +84,17 @@ class SameReading:
         """Return this object if these channels are the same, otherwise a new one."""
         same = self if channels == self.channels else SameReading(channels, position)
         if channels:
-            same._again(position, time_s)
+            same._frames += 1
+            same.moved_m = max(same.moved_m, math.dist(position, same._at))
+            same.old = same.moved_m > same._old_m
+            same._old_since = min(same._old_since, time_s) if same.old else math.inf
+            long = same.moved_m > _STUCK_M or time_s - same._old_since > _STUCK_S
+            same.stuck = same.stuck or (long and same._frames >= _SAME_FRAMES)
         return same
-
-    def _again(self, position: Position, time_s: float) -> None:
-        self._frames += 1
-        self.moved_m = max(self.moved_m, math.dist(position, self._at))
-        self.old = self.moved_m > self._old_m
-        self._old_since = min(self._old_since, time_s) if self.old else math.inf
-        long = self.moved_m > _STUCK_M or time_s - self._old_since > _STUCK_S
-        self.stuck = self.stuck or (long and self._frames >= _SAME_FRAMES)
 
 
 class Pauses:
-    """Remembers the last frame, whether readings change, and why the vehicle hovers.
+    """Remembers the last frame, and why the vehicle hovers. `readings`: those that do not change.
 
     `patience_s`: it hovers no longer than that. `emit` gets the events.
     """
@@ -106,18 +103,14 @@ class Pauses:
         self._patience_s = patience_s
         self._last_frame_s = self._since_s = start_s
         self._why: PauseReason | None = None
-        self._standstill = StuckReadings()
+        self.readings = StuckReadings()
         self._emit = emit
 
-    def on_frame(self, frame: Frame, position: Position, time_s: float) -> bool:
-        """Check a new frame. Returns False if it repeats a reading from another place."""
+    def on_frame(self, heard: Sequence[Channel], position: Position, time_s: float) -> bool:
+        """Check the channels with a signal of a new frame. Returns False if it repeats a reading from another place."""
         self._last_frame_s = time_s
-        self._standstill.on_frame(frame, position, time_s)
-        return not self._standstill.whole.old
-
-    def repeats(self, id_: int | None) -> bool:
-        """Return True if the last frame's reading of this transmitter is from another place."""
-        return self._standstill.repeats(id_)
+        self.readings.observe(heard, position, time_s)
+        return not self.readings.whole.old
 
     def silent(self, time_s: float) -> Reason | None:
         """Return the end of the search if no frame came for too long."""
@@ -126,13 +119,13 @@ class Pauses:
 
     def waits(self, time_s: float) -> bool:
         """Return True if the search hovers because the receiver does not work."""
-        before, stuck = self._why, self._standstill.whole.stuck
+        before, stuck = self._why, self.readings.whole.stuck
         silent = time_s - self._last_frame_s > _SILENT_S
         why: PauseReason | None = "same readings" if stuck else None
         self._why = why = "no frame" if silent else why
         if why and why != before:
             self._since_s = time_s
-            self._emit(SearchPaused(time_s, why, _SILENT_S, round(self._standstill.whole.moved_m, 1)))
+            self._emit(SearchPaused(time_s, why, _SILENT_S, round(self.readings.whole.moved_m, 1)))
         elif before and not why:
             self._emit(SearchResumed(time_s, before))
         return why is not None
