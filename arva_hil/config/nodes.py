@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Items(list["Value"]):
     """A sequence."""
 
     def __init__(self, node: Node, spec: int) -> None:
-        super().__init__([value_of(item, spec) for item in node.value])
+        super().__init__([_KINDS[type(item).__name__](item, spec) for item in node.value])
         self.node, self.spec = node, spec
 
 
@@ -55,7 +55,7 @@ class Mapping(dict[str, Any]):
             if name in self or not _NAME.fullmatch(name):
                 name = f"?{number}"
             self.key_nodes[name] = key
-            self[name] = value_of(value, spec)
+            self[name] = _KINDS[type(value).__name__](value, spec)
 
     def inherit(self, other: Mapping, names: Sequence[str]) -> None:
         """Take over those keys of another mapping that are not here."""
@@ -71,15 +71,16 @@ class Mapping(dict[str, Any]):
 
 
 Value = Scalar | Items | Mapping
+_KINDS: Final[dict[str, Callable[[Node, int], Value]]] = {
+    "ScalarNode": Scalar,
+    "SequenceNode": Items,
+    "MappingNode": Mapping,
+}  # by name: yaml is slow to import
 
 
 def value_of(node: Node, spec: int) -> Value:
     """Return the value of a node in a file of this spec."""
-    import yaml  # slow; here it is imported already
-
-    if isinstance(node, yaml.MappingNode):
-        return Mapping(node, spec)
-    return Items(node, spec) if isinstance(node, yaml.SequenceNode) else Scalar(node, spec)
+    return _KINDS[type(node).__name__](node, spec)
 
 
 def spec_of(value: Any) -> int:

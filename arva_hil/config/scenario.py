@@ -7,6 +7,7 @@ metres, degrees, seconds, hertz. World frame NED, body frame FRD.
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import InitVar
+from functools import partial
 from typing import Any, Final, Literal, get_args
 
 from arva_hil.config import nodes
@@ -97,22 +98,26 @@ class Scenario(Table):
         """Yield the values that contradict each other, in a scenario or in what is given of one."""
         transmitters, vehicles = items_of(of, "transmitters"), items_of(of, "vehicles")
         yield from duplicates(transmitters, "id", "id")
-        yield from vehicle_conflicts(vehicles)
+        if vehicles:
+            yield from vehicle_conflicts(vehicles)
         systems = [vehicle.system for _, vehicle in vehicles]
         for path, one in transmitters:
             if one.follows and systems.count(one.follows.system) > 1:
                 yield Violation("a system that one vehicle has", path=(*path, "follows", "system"))
-        yield from ground_conflicts(of)
+        if of.terrain is not None:
+            yield from ground_conflicts(of)
         if of.pose == "truth" and of.navigation_error is not None:
             expected = "none with `pose: truth`, which has no error"
             yield Violation(expected, "navigation_error", None, ("navigation_error",), at_key=True)
+        if not (isinstance(of, Given) and of.faults):
+            return
         ids = [one.id for _, one in transmitters]
         known: Collection[int] = range(255) if not ids or None in ids else ids
         receivers = [one for _, vehicle in vehicles for _, one in items_of(vehicle, "receivers")]
         formats = {one.format if isinstance(one, Given) else one.output_format for one in receivers} - {None}
-        if isinstance(of, Given) and not formats:
+        if not formats:
             formats = {(of.output and of.output.format) or "binary"}
-        for path, fault in items_of(of, "faults") if isinstance(of, Given) else ():
+        for path, fault in items_of(of, "faults"):
             found = next(filter(None, (misfit(fault, known, form) for form in sorted(formats))), None)
             if found:
                 yield Violation(found[1], found[0], path=path)
@@ -137,14 +142,14 @@ def parse(text: str, source: str) -> Scenario:
     """Return the scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     from arva_hil.config.reading import read  # slow to import
 
-    return read(text, source, WHAT, lambda top: _read(top, source), nodes.NEWEST_SPEC)
+    return read(text, source, WHAT, partial(_read, source=source), nodes.NEWEST_SPEC)
 
 
 def _read(top: nodes.Value, source: str) -> Scenario:
     violations: list[Violation] = []
     if isinstance(top, nodes.Mapping):
         receivers = [one for vehicle in top.tables("vehicles") for one in vehicle.tables("receivers")]
-        if nodes.spec_of(top) > 1:
+        if top.spec > 1:
             violations = _take_profiles(top, receivers)
         _inherit(top, receivers)
     try:
@@ -168,11 +173,13 @@ def _take_profiles(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> li
     return violations
 
 
-def _inherit(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> None:
+def _inherit(top: nodes.Mapping, receivers: Collection[nodes.Mapping]) -> None:
     """Add the keys that a vehicle's receiver lacks: those of `receiver`, the format, and a seed.
 
     The seed of receiver n (from 0) is the scenario's plus n, so that no two receivers have the same noise.
     """
+    if not receivers:
+        return
     receiver, output = top.get("receiver"), top.get("output")
     seed = valid_value(Scenario, top, "seed") or 0
     for number, entry in enumerate(receivers):

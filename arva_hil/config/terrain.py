@@ -55,7 +55,7 @@ class Terrain(Constraint):
 def ground_conflicts(of: Any) -> Iterator[Violation]:
     """Yield a violation for each known place of a scenario at which its grid has no height."""
     grid, datum = of.terrain, of.datum
-    if grid is None or grid == AUTOPILOT or not isinstance(datum, str | Lla):
+    if grid == AUTOPILOT or not isinstance(datum, str | Lla):
         return
     from arva_hil.model.field.geodesy import LocalFrame  # slow to import
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 from typing import Final
 
@@ -42,18 +41,27 @@ def transmitters(
 
     Those with a depth are below the `ScenarioGround` of `heights`; where it is not known they are unplaced.
     """
-    every, ground = scenario.transmitters, ScenarioGround(scenario, frame, heights)
-    places = [(_place(t, frame), None) if t.depth_m is None else ground.place(t) for t in every]
-    lost = np.array([down is not None and math.isnan(down) for _, down in places], bool)
-    strengths = np.array([t.strength * _strength(t) for t in every], float)
+    ground, seed = ScenarioGround(scenario, frame, heights), scenario.seed
+    ids, places, rotations, strengths, keyings, surfaces, lost = [], [], [], [], [], [], []
+    for t in scenario.transmitters:
+        place, surface = (_place(t, frame), None) if t.depth_m is None else ground.place(t)
+        unplaced = surface is not None and math.isnan(surface)
+        if unplaced:
+            lost.append(t.id)
+        ids.append(t.id)
+        places.append((0.0, 0.0, 0.0) if unplaced else place)
+        rotations.append(rotation.matrix(*_quaternion(t.attitude)))
+        strengths.append(0.0 if unplaced else t.strength * _strength(t))
+        keyings.append(_keying(t, seed))
+        surfaces.append(surface)
     return Transmitters(
-        tuple(t.id for t in every),
-        np.where(lost[:, None], 0.0, np.array([place for place, _ in places], float).reshape(-1, 3)),
-        np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]).reshape(-1, 3, 3),
-        np.where(lost, 0.0, strengths),
-        frozenset(t.id for t, silent in zip(every, lost, strict=True) if silent),
-        keyings=tuple(_keying(t, scenario.seed) for t in every),
-        medium=_medium(scenario.medium, [down for _, down in places]),
+        tuple(ids),
+        np.array(places, float).reshape(-1, 3),
+        np.array(rotations).reshape(-1, 3, 3),
+        np.array(strengths, float),
+        frozenset(lost),
+        tuple(keyings),
+        _medium(scenario.medium, surfaces) if scenario.medium else AIR,
     )
 
 
@@ -61,8 +69,8 @@ def moving_transmitters(
     scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
 ) -> MovingTransmitters:
     """Return the scenario's transmitters at any time, in the NED frame `frame`."""
-    motions = {index: motion for index, t in enumerate(scenario.transmitters) if (motion := _motion(t))}
-    return MovingTransmitters(transmitters(scenario, frame, heights), motions)
+    motions = ((index, _motion(t)) for index, t in enumerate(scenario.transmitters) if t.path or t.follows)
+    return MovingTransmitters(transmitters(scenario, frame, heights), dict(motions))
 
 
 def mount(scenario: config.Scenario) -> Mount:
@@ -116,16 +124,15 @@ def _strength(transmitter: config.Transmitter) -> float:
 def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
     """Return a set of its class, with the values of the scenario."""
     options = transmitter.keying or _KEYING
-    drawn = keying.draw_keying(keying.KEYING_CLASSES[options.kind], seed, transmitter.id, options.temperature_c)
     names = "period_s", "pulse_s", "phase_s", "jitter_s", "carrier_hz", "leak_db", "from_s"
     given = {name: value for name in names if (value := getattr(options, name)) is not None}
-    return replace(drawn, battery=options.battery, battery_life_s=3600 * options.battery_life_h, **given)
+    given |= {"battery": options.battery, "battery_life_s": 3600 * options.battery_life_h}
+    kind = keying.KEYING_CLASSES[options.kind]
+    return keying.draw_keying(kind, seed, transmitter.id, options.temperature_c, **given)
 
 
-def _medium(options: config.MediumOptions | None, ground: Sequence[float | None]) -> Medium:
+def _medium(options: config.MediumOptions, ground: Sequence[float | None]) -> Medium:
     """`ground`: down, at each transmitter with a depth: snow begins there."""
-    if options is None:
-        return AIR
     depth_m = skin_depth_m(options.snow_conductivity_s_m, options.snow_permittivity)
     surface = np.array([options.surface_m if down is None else down for down in ground])
     return Medium(options.dipole, depth_m, np.nan_to_num(surface))
@@ -146,14 +153,13 @@ def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float
     return tuple(frame.ned(lla.lat, lla.lon, lla.alt)) if lla else (0.0, 0.0, 0.0)
 
 
-def _motion(transmitter: config.Transmitter) -> Waypoints | Following | None:
-    """Return its motion; None: it is at rest."""
+def _motion(transmitter: config.Transmitter) -> Waypoints | Following:
+    """Return the motion of a transmitter that is not at rest."""
     if (path := transmitter.path) is not None:
         points = np.array(path.points_ned)
         return Waypoints(points[:, 0], points[:, 1:], path.end)
-    if (follows := transmitter.follows) is not None:
-        return Following(follows.system, np.array(follows.offset))
-    return None
+    assert transmitter.follows is not None
+    return Following(transmitter.follows.system, np.array(transmitter.follows.offset))
 
 
 class ScenarioGround:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,24 +146,28 @@ KEYING_CLASSES: Final = {
 """Classes by name. The widths of pulses and the spreads are assumptions within the norm's limits."""
 
 
-def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 20.0) -> Keying:
-    """Return a set of a class. Period, phase, carrier and clock are drawn from a seed and the transmitter's id."""
+def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 20.0, **given: Any) -> Keying:
+    """Return a set of a class. Period, phase, carrier and clock are drawn from a seed and the transmitter's id.
+
+    `given`: fields with other values than those drawn.
+    """
     rng = np.random.Generator(np.random.PCG64([seed, id_]))
     uniform, clock, phase = rng.random(3).tolist()
     normal, carrier = rng.standard_normal(2).tolist()
     around = 2 * uniform - 1 if kind.spread == "uniform" else max(-_WORST_SPREAD, min(_WORST_SPREAD, normal))
     period_s = kind.period_s + kind.spread_s * around
     offset = kind.carrier_hz + kind.carrier_sigma_hz * carrier + kind.carrier_hz_per_c * (temperature_c - 20.0)
-    return Keying(
-        period_s,
-        kind.pulse_s,
-        period_s * phase,
-        JITTER_S,
-        DRIFT_PPM * (2 * clock - 1),
-        max(-kind.carrier_limit_hz, min(kind.carrier_limit_hz, offset)),
-        kind.leak_db,
-        seed=int(rng.integers(2**63)),
-    )
+    drawn = {
+        "period_s": period_s,
+        "pulse_s": kind.pulse_s,
+        "phase_s": period_s * phase,
+        "jitter_s": JITTER_S,
+        "drift_ppm": DRIFT_PPM * (2 * clock - 1),
+        "carrier_hz": max(-kind.carrier_limit_hz, min(kind.carrier_limit_hz, offset)),
+        "leak_db": kind.leak_db,
+        "seed": int(rng.integers(2**63)),
+    }
+    return Keying(**drawn | given)
 
 
 def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
