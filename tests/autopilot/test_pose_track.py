@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from arva_hil.autopilot.following.navigation import AttitudeSample, PoseTrack, PositionSample, VehicleState
@@ -95,6 +94,8 @@ def angle(state: VehicleState, expected: Rotation) -> float:
 @few
 @given(seed=SEEDS)
 def test_between_samples_it_is_what_scipy_makes_of_them(position_gap: float, attitude_gap: float, seed: int) -> None:
+    from scipy.interpolate import CubicHermiteSpline
+
     f = flight(seed, position_gap, attitude_gap)
     position = CubicHermiteSpline([p.boot for p in f.positions], f.ned, [p.velocity for p in f.positions])
     attitude = Slerp([a.boot for a in f.attitudes], f.turned)

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
-from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from arva_hil.events import Event
@@ -738,6 +737,8 @@ class Read:
     def __init__(self, path: Path) -> None:
         self.home = RECORDED[path.stem][3]
         codec = dialect.MAVLink(None)
+        from scipy.interpolate import CubicHermiteSpline
+
         positions, attitudes, angles = [(-1.0,) * 7], [-1.0], []
         for record in TlogReader(path):
             message = codec.decode(bytearray(record.raw))

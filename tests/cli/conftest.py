@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -12,6 +13,7 @@ import pytest
 from arva_hil.cli.main import main
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Parser, dialect
+from tests.undrawn import undrawn
 
 from .far_ends import Arva, Autopilot, Beacon, Ended, Keep, Program, Start
 
@@ -79,12 +81,14 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 
 @pytest.fixture
-def arva(capsys: pytest.CaptureFixture[str]) -> Arva:
+def arva(request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]) -> Arva:
     """The program, in this process."""
+    drawn = request.node.get_closest_marker("undrawn") is None
 
     def call(*arguments: object) -> Ended:
         capsys.readouterr()
-        code = main([str(argument) for argument in arguments])
+        with nullcontext() if drawn else undrawn():
+            code = main([str(argument) for argument in arguments])
         return Ended(code, *capsys.readouterr())
 
     return call

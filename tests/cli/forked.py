@@ -171,6 +171,7 @@ def _server() -> socket.socket:
 
 
 def _import_everything() -> None:
+    import matplotlib.backends.backend_agg  # noqa: F401 (half a second for each program that draws)
 
     import arva_hil
 

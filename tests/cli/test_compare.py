@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tools.real.rehearsal import Waypoint, rehearse
+from tests.rehearsed import rehearse
+from tools.real.rehearsal import Waypoint
 
 from ..records.test_comparing import FLIGHT
 from ..records.test_received import QUIET

@@ -13,6 +13,8 @@ from arva_hil.clock import StepClock
 from .far_ends import Arva
 
 MAX = ("demo", "--speed", "max", "--headless")
+
+pytestmark = pytest.mark.undrawn
 FIELD = "spec: 2\ntransmitters: [{id: 1, ned: [14, -10, 0.5]}, {id: 2, ned: [-12, 12, 1]}]\n"
 
 

@@ -18,11 +18,12 @@ from .far_ends import Arva
 
 def test_a_sheet_is_of_the_kind_that_its_name_says(arva: Arva, tmp_path: Path) -> None:
     run = write(tmp_path / "flight", 0, search=False)
-    for name, begins in {"a.png": b"\x89PNG", "b.svg": b"<?xml", "c.PDF": b"%PDF"}.items():
+    for name, begins in {"b.svg": b"<?xml", "c.PDF": b"%PDF"}.items():
         assert arva("plot", run, "--out", tmp_path / name) == (0, "", f"written: {tmp_path / name}\n")
         assert (tmp_path / name).read_bytes().startswith(begins)
 
 
+@pytest.mark.undrawn
 def test_without_out_each_picture_is_a_file_in_the_record(arva: Arva, tmp_path: Path) -> None:
     run = write(tmp_path / "flight", 0, search=False)
     assert arva("plot", run, "--format", "svg").code == 0
@@ -36,7 +37,7 @@ def test_without_out_each_picture_is_a_file_in_the_record(arva: Arva, tmp_path: 
 
 
 def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(arva: Arva, tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 20)
+    folder = write(tmp_path / "flight", 5)
     for width, more in ((3.5, []), (7.16, ["--size", "7.16"])):
         code, _, err = arva("plot", folder, "--paper", *more, "--out", tmp_path / f"{width}")
         assert code == 0, err
@@ -55,6 +56,7 @@ def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(arv
     assert "a sheet has its own size: name a folder" in err
 
 
+@pytest.mark.undrawn
 def test_a_folder_that_cannot_be_made_and_two_kinds_at_once_are_refused(arva: Arva, tmp_path: Path) -> None:
     run = write(tmp_path / "flight", 0, search=False)
     code, _, err = arva("plot", run, "--out", tmp_path / "x.svg", "--format", "png")

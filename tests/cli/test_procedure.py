@@ -30,11 +30,15 @@ def test_the_emulator_is_recorded_as_if_it_were_a_receiver(arva: Arva, start: St
 def test_a_fit_of_one_flight_agrees_with_a_second_one(arva: Arva, tmp_path: Path) -> None:
     chosen, truth = drawn(7)
     chosen = replace(chosen, navigation_error=None)
-    first = rehearse(tmp_path / "first", chosen, SHORT, latency_s=truth["latency"])
+    first = rehearse(tmp_path / "first", chosen, SHORT[:9], latency_s=truth["latency"])
     second = rehearse(tmp_path / "second", replace(chosen, seed=9), SHORT[4:13], latency_s=truth["latency"])
     site = tmp_path / "my_site.yaml"
     words = ("--out", tmp_path / "my_receiver.yaml", "--scenario-out", site, "--gps-sigma", 0.05)
-    assert arva("fit", first, "--model", "paper", *words).code == 0
+    code, out, err = arva("fit", first, "--model", "paper", *words)
+    assert code == 0, err
+    assert "kappa_eq" in out
+    assert "95 % interval" in out
+    assert arva("check", tmp_path / "my_receiver.yaml", site).code == 0
     code, out, _ = arva("compare", second, "--scenario", site, "--json")
     assert code == 0
     said = json.loads(out)

@@ -11,7 +11,7 @@ import pytest
 from arva_hil.links.pty import PtyLink
 from firmware_proto.nmea import encode_nmea
 from tests.every import every
-from tools.real.rehearsal import rehearse
+from tests.rehearsed import rehearse
 
 from ..records.test_received import PLACE, POINTS, QUIET
 from .far_ends import Arva, Autopilot, Beacon, Keep
@@ -85,6 +85,7 @@ def test_a_place_surveyed_later_gives_the_ranges(arva: Arva, tmp_path: Path) -> 
     assert 20 < float(after[40]["true_range_m"]) < 40
 
 
+@pytest.mark.undrawn
 @pytest.mark.parametrize("surveyed", [(), (PLACE,)], ids=["no place", "surveyed"])
 def test_every_tool_reads_such_a_record(arva: Arva, tmp_path: Path, surveyed: tuple[()]) -> None:
     folder = rehearse(tmp_path / "r", QUIET, POINTS, surveyed=surveyed)

@@ -12,14 +12,12 @@ from tests.made_records import write
 from .far_ends import Arva
 
 
-def test_the_page_is_in_the_record_or_where_it_is_wanted(
-    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.undrawn
+def test_the_page_is_in_the_record_or_where_it_is_wanted(arva: Arva, tmp_path: Path) -> None:
     run = write(tmp_path / "flight", 0, search=False)
     assert arva("report", run) == (0, "", f"written: {run}/report.html\n")
     html = (run / "report.html").read_text()
     assert html.count("data:image/svg+xml;base64,") == 5
-    monkeypatch.setattr(page, "pictures", lambda *_, **__: [])
     assert arva("report", run, "--out", tmp_path / "x.html").err == f"written: {tmp_path}/x.html\n"
     assert (tmp_path / "x.html").read_text().startswith("<!doctype html>")
 
@@ -37,6 +35,7 @@ def test_two_records_and_those_of_a_folder_are_on_one_page(
     assert f"note: {tmp_path} holds 14 records: the report has the first 12" in arva("report", tmp_path).err
 
 
+@pytest.mark.undrawn
 def test_a_folder_without_a_record_and_a_file_of_the_record_are_refused(arva: Arva, tmp_path: Path) -> None:
     code, _, err = arva("report", tmp_path)
     assert (code, err) == (

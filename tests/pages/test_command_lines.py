@@ -27,6 +27,7 @@ from tests.cli import flown
 from tests.cli.far_ends import UNDER_TEST, Program
 from tests.free_ports import free_port
 from tests.once import once
+from tests.undrawn import undrawn
 
 from .pages import ROOT, Typed, pages, shell_lines
 
@@ -137,7 +138,8 @@ class Bench:
                 patch.delenv(name)
             for name, value in {**self._user, **environment}.items():
                 patch.setenv(name, value)
-            assert main([str(word) for word in words]) == 0
+            with undrawn():
+                assert main([str(word) for word in words]) == 0
 
     def record(self, *demo: str) -> None:
         """What a demonstration records in the folder that is named last: flown once, then copied."""

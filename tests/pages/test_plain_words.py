@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,9 +27,14 @@ PAGES = sorted(
         *(ROOT / "firmware_proto").rglob("*.md"),
     ]
 )
-MODULES = {
-    module: ast.parse(module.read_text(encoding="utf-8")) for module in sorted((ROOT / "arva_hil").rglob("*.py"))
-}
+
+
+@functools.cache
+def modules() -> dict[Path, ast.Module]:
+    """Return the parsed modules of the program."""
+    return {
+        module: ast.parse(module.read_text(encoding="utf-8")) for module in sorted((ROOT / "arva_hil").rglob("*.py"))
+    }
 
 
 def vague(text: str) -> list[str]:
@@ -73,7 +79,7 @@ def test_no_page_has_a_vague_word() -> None:
 def test_no_message_has_a_vague_word() -> None:
     found = [
         (str(module.relative_to(ROOT)), text)
-        for module, tree in MODULES.items()
+        for module, tree in modules().items()
         for text in messages(tree)
         if vague(text)
     ]
@@ -82,7 +88,7 @@ def test_no_message_has_a_vague_word() -> None:
 
 def test_docstrings_begin_with_a_noun_phrase_or_with_a_verb() -> None:
     found = []
-    for module, tree in MODULES.items():
+    for module, tree in modules().items():
         for node in ast.walk(tree):
             if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
                 continue

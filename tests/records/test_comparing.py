@@ -11,7 +11,8 @@ import pytest
 from arva_hil.config import DEFAULT, Scenario, Transmitter
 from arva_hil.records.comparing import Comparison, compared, emulated_again, paired_frames, same_frames
 from arva_hil.records.reading import load
-from tools.real.rehearsal import Waypoint, rehearse
+from tests.rehearsed import rehearse
+from tools.real.rehearsal import Waypoint
 
 from .test_received import QUIET
 
@@ -40,6 +41,10 @@ def test_the_emulator_reads_the_same_where_nothing_differs(tmp_path: Path) -> No
     assert one.all.delta_scatter_deg is not None
     assert one.all.delta_scatter_deg < 1.6
     assert one.hints == []
+    said = one.as_json()
+    assert said["id"] == 1
+    assert set(said["by"]) == {"range", "zone", "angle", "time"}
+    assert np.isfinite(said["all"]["ratio"])
 
 
 def test_a_receiver_that_is_late_has_this_lag(tmp_path: Path) -> None:
@@ -112,10 +117,3 @@ def test_two_flights_are_paired_by_their_places(tmp_path: Path) -> None:
     assert result.all is not None
     assert result.all.d_scatter_m < 1
     assert result.lag_s is None
-
-
-def test_a_comparison_is_plain_json(tmp_path: Path) -> None:
-    said = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT), QUIET).as_json()
-    assert said["id"] == 1
-    assert set(said["by"]) == {"range", "zone", "angle", "time"}
-    assert np.isfinite(said["all"]["ratio"])

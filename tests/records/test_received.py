@@ -17,7 +17,8 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.records.reading import RecordingError, load
 from arva_hil.records.received import RECEIVER, KeptBytes, ReceiverLog, Surveyed, surveyed_scenario
 from firmware_proto import Channel, Decoder, Frame, encode
-from tools.real.rehearsal import EPOCH_US, HOME, Waypoint, rehearse
+from tests.rehearsed import rehearse
+from tools.real.rehearsal import EPOCH_US, HOME, Waypoint
 
 POINTS = [Waypoint(0, -10, 0, -3, 0), Waypoint(10, -10, 0, -3, 0), Waypoint(30, 20, 0, -3, 60)]
 PLACE = Surveyed(1, *(float(value) for value in LocalFrame(*HOME).lla([20.0, 5.0, 0.0])))
@@ -48,6 +49,7 @@ def test_without_a_surveyed_place_there_is_no_true_range_and_no_scenario(tmp_pat
     assert record.notes == ()
     assert record.run is not None
     assert record.run.scenario is None
+    assert json.loads((tmp_path / "r" / "run.json").read_text())["source"] == "receiver"
     assert np.isnan(record.receivers[0].true_range_m).all()
     assert np.isfinite(record.receivers[0].position[2:]).all()
 
@@ -116,8 +118,3 @@ def test_the_status_of_a_frame_is_kept() -> None:
 def test_two_surveyed_places_of_one_id_are_refused() -> None:
     with pytest.raises(ValueError, match="id"):
         surveyed_scenario([PLACE, PLACE])
-
-
-def test_run_json_says_that_the_receiver_is_real(tmp_path: Path) -> None:
-    folder = rehearse(tmp_path / "r", QUIET, POINTS)
-    assert json.loads((folder / "run.json").read_text())["source"] == "receiver"

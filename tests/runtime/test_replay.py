@@ -16,7 +16,6 @@ import pytest
 from magpylib import mu_0
 from magpylib.misc import Dipole
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from arva_hil.cli.main import main
@@ -85,6 +84,8 @@ def replayed() -> dict[Path, list[dict[str, str]]]:
 def test_every_pose_is_the_logs_own_interpolated_at_its_instant(
     recorded: tuple[Path, list[dict[str, str]], tuple[float, float, float]],
 ) -> None:
+    from scipy.interpolate import CubicHermiteSpline
+
     flight, read, datum = recorded
     said = messages(flight)
     where = {m.time_boot_ms: m for m in said["GLOBAL_POSITION_INT"]}
