@@ -68,7 +68,7 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
     elif found is None:
         lines = [f"{how}; nothing found" if outcome.frames and outcome.kind == "failed" else how]
     else:
-        place = where(found, outcome.from_drone)
+        place = where(found, outcome.accuracy, outcome.from_drone)
         first = f"found {name(outcome.id)}: {place}"
         if outcome.kind == "not sure":
             first = f"{how}, {name(outcome.id)} at {place}"

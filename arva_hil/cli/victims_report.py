@@ -21,10 +21,11 @@ def name(id_: int | None) -> str:
     return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"
 
 
-def where(found: Found, from_drone: tuple[float, float] | None = None) -> str:
+def where(found: Found, accuracy: Accuracy, from_drone: tuple[float, float] | None = None) -> str:
     """Return a place from the take-off point, and relative to the drone with its sigma [m]."""
+    metres = sigma_of(accuracy.relative(found))
     place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
-    spread = "" if found.relative_sigma is None else f" ± {sigma(found.relative_sigma)}"
+    spread = "" if metres is None else f" ± {sigma(metres)}"
     if from_drone is not None:
         north, east = from_drone
         return f"{place}; {north:z.1f} m north, {east:z.1f} m east of the drone{spread}"
@@ -33,7 +34,7 @@ def where(found: Found, from_drone: tuple[float, float] | None = None) -> str:
 
 def on_earth(lat_lon: tuple[float, float], found: Found, accuracy: Accuracy) -> str:
     """Return a position on Earth, with its sigma."""
-    metres = sigma_of(accuracy.of(found.covariance))
+    metres = sigma_of(accuracy.on_earth(found))
     spread = "" if metres is None else f" ± {sigma(metres)} on Earth"
     unknown = "" if accuracy.reported else ", or more: the autopilot does not report its accuracy"
     return f"position: {lat_lon[0]:.7f}, {lat_lon[1]:.7f}{spread}{unknown if spread else ''}"
@@ -47,8 +48,8 @@ def place_as_dict(found: Found, lat_lon: tuple[float, float] | None, accuracy: A
     return {
         **found._asdict(),
         "lat_lon": lat_lon,
-        "relative_covariance": found.relative_covariance,
-        "earth_covariance": accuracy.of(found.covariance),
+        "relative_covariance": accuracy.relative(found),
+        "earth_covariance": accuracy.on_earth(found),
         "autopilot_sigma_m": accuracy.sigma_m if accuracy.reported else None,
     }
 
@@ -64,7 +65,7 @@ def victims_found(outcome: Outcome) -> list[str]:
         lines.append("order of probing, the surest place first:")
     origin = LocalFrame(*outcome.origin) if outcome.origin else None
     for number, victim in enumerate(outcome.victims, 1):
-        lines.append(f"{number}. {name(victim.id)}: {where(victim.found)}{_about(victim)}")
+        lines.append(f"{number}. {name(victim.id)}: {where(victim.found, outcome.accuracy)}{_about(victim)}")
         if origin:
             lines.append(f"   {on_earth(_lat_lon(origin, victim.found), victim.found, outcome.accuracy)}")
     return lines

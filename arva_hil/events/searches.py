@@ -292,6 +292,12 @@ class PlaceFound(TransmitterEvent):
     earth_covariance: tuple[float, float, float] | None = None
 
 
+class ReceiverTurned(TransmitterEvent):
+    """By the readings of the transmitter, the receiver's heading is `degrees` clockwise of the reported one."""
+
+    degrees: float
+
+
 class VictimNoted(TransmitterEvent):
     """A search for several transmitters has recorded one, the `number`-th of `wanted` (None: of all).
 

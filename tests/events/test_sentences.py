@@ -357,6 +357,12 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "warning",
         "the readings of transmitter 5 do not agree with the place: the search flies to it once more",
     ),
+    (
+        searches.ReceiverTurned(1.0, 5, -10.4),
+        "warning",
+        "the receiver is turned by some -10° from its reported heading: check compass and --mount. The place allows "
+        "for it",
+    ),
     (searches.ReceiverKnown(1.0, "pulsed 1.0 binary", 4), "info", "the receiver is pulsed 1.0 binary"),
     (
         searches.MarksNotTaken(1.0, "unknown"),

@@ -11,6 +11,7 @@ from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.search.mission.accuracy import Accuracy, PositionAccuracy
+from arva_hil.search.strategies.strategy import Found
 
 FLOOR_M = 2.1  # without corrections
 
@@ -54,5 +55,13 @@ def test_accuracy_is_what_the_autopilot_reports_and_no_better_than_the_floor(
 
 
 def test_the_covariance_on_earth_has_both() -> None:
-    assert Accuracy(2.0).of((0.25, 0.1, 0.04)) == pytest.approx((4.25, 0.1, 4.04))
-    assert Accuracy(2.0).of(None) is None
+    place = Found(1.0, 2.0, covariance=(0.25, 0.1, 0.04))
+    assert Accuracy(2.0).on_earth(place) == pytest.approx((4.25, 0.1, 4.04))
+    assert Accuracy(2.0).on_earth(Found(1.0, 2.0)) is None
+
+
+def test_the_covariance_relative_to_the_drone_has_only_what_changes_near_the_place() -> None:
+    place = Found(1.0, 2.0, covariance=(4.0, 0.0, 4.0), now=(1.5, 2.0), now_covariance=(0.25, 0.1, 0.04))
+    nn, ne, ee = Accuracy(2.1).relative(place) or (0.0, 0.0, 0.0)
+    assert (0.25 < nn < 0.3, 0.04 < ee < 0.09, ne) == (True, True, 0.1)
+    assert Accuracy(0.01).relative(place) == pytest.approx((0.25, 0.1, 0.04), abs=1e-5)

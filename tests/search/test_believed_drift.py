@@ -16,7 +16,7 @@ from arva_hil.search.strategies.strategy import Observation
 from tests.search.test_drift import MOMENT, PLACE, heard
 
 DRIFT, LITTLE = Cause(drift_m=1.0), Cause(drift_m=0.3)
-TRUE, FAR = (np.array([[*place, *MOMENT]]) for place in (PLACE, PLACE + np.array([0.0, 70.0, 0.0])))
+TRUE, FAR = (np.array([[*place, *MOMENT, 0.0]]) for place in (PLACE, PLACE + np.array([0.0, 70.0, 0.0])))
 
 
 class Astray(Evidence):

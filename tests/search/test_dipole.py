@@ -28,7 +28,8 @@ def readings(rng: np.random.Generator, n: int, inner: bool = False) -> DipoleRea
 
 
 def hypotheses(rng: np.random.Generator, k: int) -> np.ndarray:
-    return np.concatenate([rng.uniform((30, -20, -20), (70, 20, 20), (k, 3)), rng.normal(size=(k, 3))], axis=1)
+    place, moment = rng.uniform((30, -20, -20), (70, 20, 20), (k, 3)), rng.normal(size=(k, 3))
+    return np.concatenate([place, moment, np.zeros((k, 1))], axis=1)
 
 
 def buried(seed: int) -> tuple[Receiver, np.ndarray, np.ndarray]:
@@ -40,7 +41,7 @@ def buried(seed: int) -> tuple[Receiver, np.ndarray, np.ndarray]:
     along = np.linspace(-20, 8, 29)
     c, s = math.cos(azimuth), math.sin(azimuth)
     way = np.stack([place[0] + along * c - across * s, place[1] + along * s + across * c, 0 * along - 1], axis=1)
-    return receiver, np.array([*place, *R[:, 0] / KAPPA_EQ]), way
+    return receiver, np.array([*place, *R[:, 0] / KAPPA_EQ, 0.0]), way
 
 
 def listen(receiver: Receiver, way: np.ndarray, pose_error: float = 0.0, seed: int = 0) -> DipoleReadings:
@@ -63,7 +64,7 @@ def test_the_field_is_the_one_of_magpylib(inner: bool) -> None:
         o.add(place, matrix, 10.0, 0.0, inner)
     error = evaluate(x, o, 0.1).error.reshape(4, n + 1, 2)[:, 1:]
     for k in range(4):
-        h = R.inv().apply(magpylib.misc.Dipole(x[k, :3], moment=x[k, 3:]).getH(at)) * 4 * math.pi
+        h = R.inv().apply(magpylib.misc.Dipole(x[k, :3], moment=x[k, 3:6]).getH(at)) * 4 * math.pi
         size = np.linalg.norm(h, axis=1) if inner else np.hypot(h[:, 0], h[:, 1])
         assert error[k, :, 0] == pytest.approx(np.log(size) + 3 * math.log(10), abs=1e-9)
         angle = np.zeros(n) if inner else np.arctan(h[:, 1] / h[:, 0])
@@ -75,8 +76,8 @@ def test_its_derivatives_are_those_of_its_errors(inner: bool) -> None:
     rng = np.random.default_rng(2)
     o, x = readings(rng, 20, inner), hypotheses(rng, 3)
     now, step = evaluate(x, o, 0.1), 1e-6
-    for i in range(6):
-        aside = np.zeros(6)
+    for i in range(7):
+        aside = np.zeros(7)
         aside[i] = step
         difference = evaluate(x + aside, o, 0.1).error - evaluate(x - aside, o, 0.1).error
         difference = np.remainder(difference + math.pi / 2, math.pi) - math.pi / 2  # over the edge at ±90°
@@ -87,7 +88,7 @@ def test_its_derivatives_are_those_of_its_errors(inner: bool) -> None:
 def test_the_moment_and_its_opposite_sound_alike() -> None:
     rng = np.random.default_rng(3)
     o, x = readings(rng, 20), hypotheses(rng, 5)
-    assert evaluate(x, o, 0.1).cost == pytest.approx(evaluate(x * [1, 1, 1, -1, -1, -1], o, 0.1).cost)
+    assert evaluate(x, o, 0.1).cost == pytest.approx(evaluate(x * [1, 1, 1, -1, -1, -1, 1], o, 0.1).cost)
 
 
 def test_a_receiver_that_hears_delta_turned_round_is_the_same() -> None:
@@ -138,7 +139,7 @@ def test_seeds_say_what_was_heard(bearing: float, d: float, down: float) -> None
     x = seeds(at, bearing, d)
     fit = evaluate(x, o, 0.1)
     assert np.abs(fit.error[:, 2:]).max() < 1e-6
-    assert np.linalg.norm(x[:, 3:], axis=1) == pytest.approx(1 / KAPPA_EQ)
+    assert np.linalg.norm(x[:, 3:6], axis=1) == pytest.approx(1 / KAPPA_EQ)
     assert np.linalg.matrix_rank(x[:, :2] - at[:2]) == 2
 
 
@@ -155,7 +156,7 @@ def test_hears_how_wrong_its_poses_are(wrong: float) -> None:
 
 def test_silence_speaks_against_a_transmitter_near_by_and_for_nothing() -> None:
     o = DipoleReadings()
-    far, near = np.array([[200.0, 0, 0.5, 0.65, 0, 0]]), np.array([[12.0, 0, 0.5, 0.65, 0, 0]])
+    far, near = np.array([[200.0, 0, 0.5, 0.65, 0, 0, 0]]), np.array([[12.0, 0, 0.5, 0.65, 0, 0, 0]])
     before = [evaluate(x, o, 0.1).cost[0] for x in (far, near)]
     o.add((0.0, 0.0, -1.0), np.eye(3), -0.01, 0.0, False)
     assert evaluate(far, o, 0.1).cost[0] == pytest.approx(before[0])
@@ -219,3 +220,19 @@ def test_readings_added_together_are_those_added_one_by_one(count: int, gains: t
     assert (together.level(x) == one_by_one.level(x)).all()
     for a, b in zip(evaluate(x, together, 0.1), evaluate(x, one_by_one, 0.1), strict=True):
         assert (a == b).all()
+
+
+@pytest.mark.parametrize("degrees", [-10, 0, 10])
+def test_a_receiver_that_is_turned_is_noticed(degrees: int) -> None:
+    """By a compass or a mount that is off: the angle is a part of the fit, and the place is right."""
+    off = []
+    for seed in range(6):
+        receiver, truth, way = buried(seed)
+        o, turned = DipoleReadings(), Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+        for at in way:
+            slot = receiver.read(at, turned).channels[0]
+            o.add(at, np.eye(3), slot.d_cm / 100, math.radians(slot.delta_deg), slot.zone == Zone.INNER)
+        fit, _ = refine(truth[None], np.full(1, 1e-3), o, 0.05, 20)
+        assert math.dist(fit.x[0, :2], truth[:2]) < 0.15
+        off.append(math.degrees(fit.x[0, 6]))
+    assert np.median(off) == pytest.approx(degrees, abs=1.5)

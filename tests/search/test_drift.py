@@ -39,7 +39,7 @@ def heard(at: NDArray[np.float64]) -> tuple[float, float]:
 def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
     """The field is the same on both sides of a transmitter: a fit that begins anew finds the other side at times."""
     readings, drift = dipole.DipoleReadings(), walk(seed, 2.0, 50)
-    x, fits, off = np.array([[*PLACE, *MOMENT]]), list[DriftFit](), list[float]()
+    x, fits, off = np.array([[*PLACE, *MOMENT, 0.0]]), list[DriftFit](), list[float]()
     for k, error in enumerate(drift):
         at = np.array([1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k), -3.0])
         readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
@@ -55,7 +55,7 @@ def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:
     for k, error in enumerate(drift):
         at = np.array([4 * math.cos(0.5 * k), 4 * math.sin(0.5 * k), -3.0])
         readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
-    x = np.array([[*(PLACE + off), *MOMENT] for off in ((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), (-3.0, 1.0, 0.0))])
+    x = np.array([[*(PLACE + off), *MOMENT, 0.0] for off in ((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), (-3.0, 1.0, 0.0))])
     together = fitted(x, readings, 0.1, 1.0, 6)
     for begin, one in zip(x, together, strict=True):
         (alone,) = fitted(begin[None], readings, 0.1, 1.0, 6)

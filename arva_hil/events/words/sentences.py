@@ -228,6 +228,8 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     "m from the place recorded",
     searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: the "
     "search flies to it once more",
+    searches.ReceiverTurned: "warning: the receiver is turned by some {degrees:+.0f}° from its reported heading: check "
+    "compass and --mount. The place allows for it",
     searches.ReceiverKnown: "the receiver is {text}",
     searches.MarksNotTaken: "warning: the receiver cannot mark transmitters ({answer}): victims are only recorded",
     searches.MarkLost: "warning: the receiver has lost the mark of victim {number}",

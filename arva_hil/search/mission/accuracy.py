@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.mavlink.codec import dialect
-from arva_hil.search.strategies.strategy import Covariance
+from arva_hil.search.strategies.strategy import Covariance, Found
 
 _GPS: Final = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
 _ESTIMATOR: Final = dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
@@ -21,6 +21,7 @@ _FLOORS_M: Final = {  # with corrections: SBAS 2.0 m CEP (the same), RTK fixed 1
     dialect.GPS_FIX_TYPE_RTK_FLOAT: 0.5,
     dialect.GPS_FIX_TYPE_RTK_FIXED: 0.01,
 }
+_RECENT: Final = 0.07  # of the error, which changes while the drone is near a place: too slow for a fit to tell
 _UNKNOWN: Final = 0xFFFF  # of eph
 
 
@@ -32,12 +33,20 @@ class Accuracy(NamedTuple):
     reported: bool = False
     """True if the autopilot reports an accuracy."""
 
-    def of(self, covariance: Covariance | None) -> Covariance | None:
-        """Return the covariance on Earth of a place with this covariance in the autopilot's positions [m²]."""
-        if covariance is None:
-            return None
-        nn, ne, ee = covariance
-        return nn + self.sigma_m**2, ne, ee + self.sigma_m**2
+    def on_earth(self, found: Found) -> Covariance | None:
+        """Return the covariance of the position on Earth of a place found [m²]; None if none is known."""
+        return _with(found.covariance, self.sigma_m)
+
+    def relative(self, found: Found) -> Covariance | None:
+        """Return the covariance of the place relative to the drone [m²]; None if none is known."""
+        return _with(found.now_covariance or found.covariance, _RECENT * self.sigma_m)
+
+
+def _with(covariance: Covariance | None, sigma_m: float) -> Covariance | None:
+    if covariance is None:
+        return None
+    nn, ne, ee = covariance
+    return nn + sigma_m**2, ne, ee + sigma_m**2
 
 
 UNKNOWN: Final = Accuracy()

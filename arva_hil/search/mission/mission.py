@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
-from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound
+from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound, ReceiverTurned
 from arva_hil.search.mission.accuracy import UNKNOWN
 from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations, pulses
 from arva_hil.search.mission.ground import Height
@@ -321,12 +321,17 @@ class Mission:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self.found, self.sure, self._dipole = answer.found, answer.sure, answer.dipole
-            (north, east), covariance, relative = self.found[:2], self.found.covariance, self.found.relative_covariance
-            on_earth = self.accuracy.of(covariance)
-            self._emit(PlaceFound(time_s, id_of(target), north, east, covariance, answer.sure, relative, on_earth))
+            self._tell(self.found, id_of(target), time_s)
         if answer.belief is not None and time_s >= self._belief_s:
             self._belief_s = time_s + _BELIEF_S
             self._emit(BeliefChanged(time_s, id_of(target), *answer.belief))
+
+    def _tell(self, found: Found, id_: int | None, time_s: float) -> None:
+        """Report a place found."""
+        spread = self.accuracy.relative(found), self.accuracy.on_earth(found)
+        self._emit(PlaceFound(time_s, id_, found.north, found.east, found.covariance, self.sure, *spread))
+        if found.turned_deg is not None:
+            self._emit(ReceiverTurned(time_s, id_, found.turned_deg))
 
     def _repeated(self, target: int, found: Found, sure: bool, time_s: float, position: Position) -> bool:
         """Return True if a place is found already, or is to be searched again."""

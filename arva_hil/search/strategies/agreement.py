@@ -105,12 +105,12 @@ class Evidence(History):
 
 
 def beginning(place: tuple[float, float], history: History) -> Array:
-    """Return dipoles (K, 6) to begin with: some at a place, and those that agree with the strongest reading."""
+    """Return dipoles (K, 7) to begin with: some at a place, and those that agree with the strongest reading."""
     o = history.nearest
     assert o is not None
     level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.pi / _TURNS]
     moments = dipole.MOMENT * np.array([*level, (0, 0, 1)])
-    there = [[*place, (o.ground or 0.0) + _DOWN_M, *moment] for moment in moments]
+    there = [[*place, (o.ground or 0.0) + _DOWN_M, *moment, 0.0] for moment in moments]
     return np.concatenate([there, dipole.seeds(o.position, o.bearing, o.d_m, o.ground)])
 
 
@@ -131,7 +131,7 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     o, x = there.readings, there.best.x
     placed = copy.copy(o)
     placed.at = o.at - there.best.drift
-    strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
+    strength = float(np.linalg.norm(x[3:6])) / dipole.MOMENT
     if there.cause.drift_m:
         strength = math.sqrt(strength)  # where heights drift, it is less known
     likely = [(math.exp(here - one.cost), one.best) for one in nears]

@@ -46,7 +46,7 @@ class AnalysisResult(NamedTuple):
     sure: bool = False
     """True if the readings agree with that place."""
     dipole: NDArray[np.float64] | None = None
-    """The dipole (6,) at that place that fits its readings best; of a transmitter without an id only."""
+    """The dipole (7,) at that place that fits its readings best; of a transmitter without an id only."""
     belief: Belief | None = None
     """The present estimate of the strategy; None if it has none, or without a new reading."""
     contradictions: tuple[bool, ...] | None = None
@@ -255,14 +255,16 @@ def killed(exit_code: int | None) -> str:
 
 def _sound(found: Found) -> Found | None:
     """Return the place without its invalid other values."""
-    north, east, down, covariance, now, now_covariance = found
+    north, east, down, covariance, now, now_covariance, turned_deg = found
     if not math.isfinite(north + east):
         return None
     if down is not None and not math.isfinite(down):
         down = None
     if now is not None and not math.isfinite(math.hypot(*now)):
         now = None
-    return Found(north, east, down, _finite(covariance), now, _finite(now_covariance))
+    if turned_deg is not None and not math.isfinite(turned_deg):
+        turned_deg = None
+    return Found(north, east, down, _finite(covariance), now, _finite(now_covariance), turned_deg)
 
 
 def _finite(covariance: Covariance | None) -> Covariance | None:

@@ -1,7 +1,8 @@
 """The place of a dipole, from readings at many poses: several hypotheses fitted at once.
 
-A hypothesis is (north, east, down, moment north, east, down): metres from the take-off point, and the moment in
-units that make its field h = (3(m·n)n − m)/ρ³ the receiver's own, d = ‖h‖^(−⅓). K hypotheses, N readings.
+A hypothesis is (north, east, down, moment north, east, down, yaw): metres from the take-off point, the moment in
+units that make its field h = (3(m·n)n − m)/ρ³ the receiver's own, d = ‖h‖^(−⅓), and the angle by which the receiver
+is turned clockwise from its reported pose [rad]: compass and mount are never exact. K hypotheses, N readings.
 
 A reading is one complex number, ln(h_x + i·h_y) = −3 ln d + iδ: the real part of its error is relative to the field,
 the imaginary one an angle, known up to the receiver's 180°. In the inner zone, where d is of the whole field and δ
@@ -23,9 +24,10 @@ Array = NDArray[np.float64]
 MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
 _STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
 _DEPTH: Final = (0.5, 1.2)  # below the ground, and its sigma, m
-RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3)  # next to nothing of the rest
+_YAW: Final = math.radians(5.0) ** -2  # inverse variance of the yaw
+RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3 + [_YAW])  # next to nothing of place and moment
 
-_ONE: Final = np.eye(6)
+_ONE: Final = np.eye(7)
 
 # Variances of a reading, relative to the field or in radians².
 _NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
@@ -141,7 +143,7 @@ class DipoleReadings:
         self.told, self.limit = told.ravel(), limit.ravel()
 
     def level(self, x: Array) -> Array:
-        """Return the ground where hypotheses (K, 6) are, down from the take-off point (K,); 0 if it is not known.
+        """Return the ground where hypotheses (K, 7) are, down from the take-off point (K,); 0 if it is not known.
 
         It is the ground below the reading nearest to each.
         """
@@ -155,23 +157,23 @@ class DipoleReadings:
 class Fit(NamedTuple):
     """The agreement of hypotheses with readings; M = 2N, real and imaginary parts in turn."""
 
-    x: Array  # (K, 6)
+    x: Array  # (K, 7)
     cost: Array  # (K,) −ln of the likelihood
-    information: Array  # (K, 6, 6) inverse of the covariance
-    gradient: Array  # (K, 6) of the cost, the weights held
+    information: Array  # (K, 7, 7) inverse of the covariance
+    gradient: Array  # (K, 7) of the cost, the weights held
     error: Array  # (K, M)
     weight: Array  # (K, M)
     slope: Array  # (K, M) of the error over the receiver's place, squared, 1/m²
     variance: Array  # (K, M) of the error, were the receiver's place exact
-    slopes: Array  # (K, 6, M) of the error over x
+    slopes: Array  # (K, 7, M) of the error over x
 
 
 def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
-    """Compare hypotheses (K, 6) with readings, which may be at other places (K, 3, N) for each.
+    """Compare hypotheses (K, 7) with readings, which may be at other places (K, 3, N) for each.
 
     `pose_error`: sigma of the receiver's place on each axis [m].
     """
-    m, r = x[:, 3:, None], o.at - x[:, :3, None]
+    m, r = x[:, 3:6, None], o.at - x[:, :3, None]
     rho2 = np.maximum(_dot(r, r), _NEAREST**2)
     rho = np.sqrt(rho2)
     n = r / rho
@@ -188,18 +190,18 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
     hidden = np.maximum(h2 / heard2 - 1, 0)  # of the field, across the two antennas
     error = np.empty((len(x), len(o.said)), complex)  # ln(z/ρ³), by its parts: numpy takes ten times as long for both
     error.real = 0.5 * np.log(heard2 / rho2**3)[:, 0] - o.said.real
-    turn = np.arctan2(z.imag, z.real)[:, 0] - o.said.imag
+    turn = np.arctan2(z.imag, z.real)[:, 0] - o.said.imag - x[:, 6:]  # exact for a level receiver
     error.imag = turn - np.pi * np.rint(turn / np.pi)
     axis = axis / z
     share = _dot(axis, n)
-    slopes = np.empty((len(x), 6, len(o.said)), complex)
+    slopes = np.empty((len(x), 7, len(o.said)), complex)
     slopes[:, :3] = ((1 + 2 * along * share) * n - share * m - along * axis) * (3 / rho)
-    slopes[:, 3:] = 3 * share * n - axis
+    slopes[:, 3:6], slopes[:, 6] = 3 * share * n - axis, -1j
 
     m2 = _dot(m, m)[:, 0] + 1e-20
     error[:, 0] = (x[:, 2] - o.level(x) - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
     slopes[:, :, 0] = 0
-    slopes[:, 2, 0], slopes[:, 3:, 0] = 1 / _DEPTH[1], x[:, 3:] * (1j / _STRENGTH / m2)
+    slopes[:, 2, 0], slopes[:, 3:6, 0] = 1 / _DEPTH[1], x[:, 3:6] * (1j / _STRENGTH / m2)
 
     e, j = error.view(float), slopes.view(float)
     slope = np.add.reduce(j[:, :3] ** 2, axis=1)
@@ -211,14 +213,16 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
     tail[:, :2], loss[:, :2] = 1, squared[:, :2]  # what is known beforehand is no outlier
     used = o.told | (o.limit & (e > 0))
     weight = used / (total * tail)
-    cost = 0.5 * np.add.reduce(used * loss + o.told * np.log(total), axis=1)
+    cost = 0.5 * (np.add.reduce(used * loss + o.told * np.log(total), axis=1) + _YAW * x[:, 6] ** 2)
     weighted = j * weight[:, None]
     information = weighted @ j.transpose(0, 2, 1) + RIDGE
-    return Fit(x, cost, information, (weighted @ e[:, :, None])[:, :, 0], e, weight, slope, variance, j)
+    gradient = (weighted @ e[:, :, None])[:, :, 0]
+    gradient[:, 6] += _YAW * x[:, 6]
+    return Fit(x, cost, information, gradient, e, weight, slope, variance, j)
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, rounds: int) -> tuple[Fit, Array]:
-    """Return hypotheses (K, 6) after at most so many steps of Levenberg and Marquardt, and the next dampings.
+    """Return hypotheses (K, 7) after at most so many steps of Levenberg and Marquardt, and the next dampings.
 
     `dampings` (K,) are those of the first step. It stops when no hypothesis improves.
     """
@@ -226,7 +230,8 @@ def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, round
     for _ in range(rounds):
         damped = now.information * (1 + damping[:, None, None] * _ONE)
         new = evaluate(now.x - np.linalg.solve(damped, now.gradient[:, :, None])[:, :, 0], o, pose_error)
-        better = np.add.reduce(now.weight * (new.error**2 - now.error**2), axis=1) < 0
+        more = _YAW * (new.x[:, 6] ** 2 - now.x[:, 6] ** 2)
+        better = np.add.reduce(now.weight * (new.error**2 - now.error**2), axis=1) + more < 0
         damping = np.clip(np.where(better, damping / 8, damping * 8), 1e-4, 1e4)
         settled = settled + 1 if (now.cost - new.cost).max() < SETTLED else 0
         now = the_better(now, new, better)
@@ -253,7 +258,7 @@ def likely_pose_error(fit: Fit, i: int, o: DipoleReadings, errors: Array = _POSE
 
 
 def unexplained(x: Array, o: DipoleReadings, error_m: float, variances: float) -> NDArray[np.bool_]:
-    """Return the readings (N − 1,) that far off the dipole (6,), by that error of the receiver's place."""
+    """Return the readings (N − 1,) that far off the dipole (7,), by that error of the receiver's place."""
     fit = evaluate(x[None], o, error_m)
     out = fit.error[0] ** 2 > variances * (error_m**2 * fit.slope[0] + fit.variance[0])
     parts: NDArray[np.bool_] = (out & o.told).reshape(-1, 2)[1:]
@@ -261,7 +266,7 @@ def unexplained(x: Array, o: DipoleReadings, error_m: float, variances: float) -
 
 
 def seeds(position: Sequence[float], bearing: float, d: float, ground: float | None = None) -> Array:
-    """Return hypotheses (24, 6) that agree with one reading: on all sides, with a rising, level or sinking field.
+    """Return hypotheses (24, 7) that agree with one reading: on all sides, with a rising, level or sinking field.
 
     All of the reference strength and near the expected depth; bearing of the field in radians, d in metres.
     """
@@ -274,7 +279,7 @@ def seeds(position: Sequence[float], bearing: float, d: float, ground: float | N
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     m = 1.5 * n * np.add.reduce(n * h, axis=1, keepdims=True) - h  # for ρ = d
     rho = d * np.cbrt(MOMENT / np.linalg.norm(m, axis=1, keepdims=True))
-    return np.concatenate([position + rho * n, (rho / d) ** 3 * m], axis=1)
+    return np.concatenate([position + rho * n, (rho / d) ** 3 * m, 0 * rho], axis=1)
 
 
 def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:

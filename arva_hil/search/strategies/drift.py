@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 class DriftFit(NamedTuple):
     """A hypothesis under a drift. `now`: where it is in the places reported now, north, east, down."""
 
-    x: Array  # (6,)
-    covariance: Array  # (6, 6)
+    x: Array  # (7,)
+    covariance: Array  # (7, 7)
     now: Array  # (3,)
     now_covariance: Array  # (3, 3)
     cost: float  # −ln of the likelihood
@@ -44,12 +44,12 @@ class _Linear(NamedTuple):
     """The readings used by one hypothesis as linear in it and in the drift, and what solves that; M real parts."""
 
     of: NDArray[np.intp]  # (M,) the reading of each
-    slopes: Array  # (6, M) of the error over the hypothesis
+    slopes: Array  # (7, M) of the error over the hypothesis
     error: Array  # (M,) less what the drift explains
     each: Array  # (M, M) covariance of the errors
-    solved: Array  # (M, 7) by it: slopes and error
-    information: NDArray[Any]  # (6, 6)
-    step: Array  # (6,) to the best hypothesis
+    solved: Array  # (M, 8) by it: slopes and error
+    information: NDArray[Any]  # (7, 7)
+    step: Array  # (7,) to the best hypothesis
     left: Array  # (M,) solved by `each`: the error there
 
 
@@ -63,15 +63,16 @@ def _linear(fit: dipole.Fit, k: int, drift: Array, pose_error: float, alike: Arr
     each = (j[:3].T @ j[:3]) * (alike if len(of) == len(alike) else alike[used[:, None], used])
     each.ravel()[:: len(of) + 1] += exact * tail
     solved = np.linalg.solve(each, np.column_stack([j.T, e]))
-    information = j @ solved[:, :6] + dipole.RIDGE
-    step: Array = -np.linalg.solve(information, j @ solved[:, 6])
-    return _Linear(of, j, e, each, solved, information, step, -(solved[:, 6] + solved[:, :6] @ step))
+    information, gradient = j @ solved[:, :7] + dipole.RIDGE, j @ solved[:, 7]
+    gradient[6] += dipole.RIDGE[6, 6] * fit.x[k, 6]
+    step: Array = -np.linalg.solve(information, gradient)
+    return _Linear(of, j, e, each, solved, information, step, -(solved[:, 7] + solved[:, :7] @ step))
 
 
 def fitted(
     x: Array, o: dipole.DipoleReadings, pose_error: float, drift_m: float, rounds: int, near: Sequence[DriftFit] = ()
 ) -> list[DriftFit]:
-    """Return for each hypothesis (K, 6) the one near it that fits the readings best.
+    """Return for each hypothesis (K, 7) the one near it that fits the readings best.
 
     Sigmas of each place and of the drift are in metres. `near`: fits whose drifts are the start of the first
     hypotheses. The cost of a fit with `drift_m` 0 can be compared with others.
@@ -107,15 +108,16 @@ def _settled(x: Array, drift: Array, one: _Linear, newest: Array, drift_m: float
     """Return the fit of a hypothesis; `newest`: covariance (N,) of the drift now with that of each reading."""
     covariance = np.linalg.inv(one.information)
     known = one.slopes[:3] * newest[one.of]  # covariance of the drift now with each error
-    turn = np.eye(3, 6) - known @ one.solved[:, :6]
+    turn = np.eye(3, 7) - known @ one.solved[:, :7]
     rest = drift_m**2 * np.eye(3) - known @ np.linalg.solve(one.each, known.T)
     now_covariance = turn @ covariance @ turn.T + rest
-    cost = 0.5 * float(one.error @ one.solved[:, 6] + np.linalg.slogdet(one.each)[1])
+    known_yaw = dipole.RIDGE[6, 6] * x[6] ** 2
+    cost = 0.5 * float(one.error @ one.solved[:, 7] + np.linalg.slogdet(one.each)[1] + known_yaw)
     return DriftFit(x, covariance, x[:3] + known @ one.left, now_covariance, cost, drift, time_s)
 
 
 def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings, drift_m: float) -> list[DriftFit]:
-    """Return hypotheses (K, 6) fitted to more readings, best first; without the unlikely and equal ones.
+    """Return hypotheses (K, 7) fitted to more readings, best first; without the unlikely and equal ones.
 
     The first of them are those of the fits `before`, and begin with their drifts.
     """

@@ -24,12 +24,13 @@ from .strategy import STILL, Belief, Found, Observation, Position, Velocity, tow
 
 _STEP_M: Final = 0.48  # flown between two readings that are kept
 _STEP_S, _DRIFTING_S = 0.2, 1.5  # least time between them; under a drift
-_SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # smaller differences are none: place over distance, and moment
+_SAME: Final = np.array([0.02] * 3 + [0.1] * 4)  # smaller differences are none: place over distance, moment, yaw
 _MANY: Final = 40
 _ROUNDS: Final = 2
 _DOUBTS: Final = (4, 4)  # further rounds, before it stops
 _CAUTION: Final = 2.0  # times the covariance: readings are less independent than in the fit
 _SURE_M: Final = 0.3  # sigma
+_TURNED, _TURNED_SIGMAS = math.radians(5.0), 3.0  # report a yaw beyond both
 _HERE_M: Final = 0.5
 _NEAR_M: Final = RADIUS_M + 0.5  # begin to circle within this distance
 _ASTRAY_M: Final = RADIUS_M + 1.5  # end the circle beyond this distance
@@ -57,7 +58,7 @@ class Hypotheses:
     """Dipoles that may explain the readings, under one cause; their shares add up to 1.
 
     - `cause`: of what is wrong with the readings. `readings`: with the poses under that cause.
-    - `x`: dipoles (K, 6). `places`: (K, 3), in the frame reported now. `share`: (K,).
+    - `x`: dipoles (K, 7). `places`: (K, 3), in the frame reported now. `share`: (K,).
     - `drifts`: the fits under a drift of the places, the best first; none without a drift.
     - `covariance`: of north and east of the average [m²]. `sure`: that is small.
     - `pose_error`: of the receiver's places [m]. `age`: readings since other hypotheses were added.
@@ -67,13 +68,14 @@ class Hypotheses:
         self.readings = dipole.DipoleReadings()
         self.cause = NOTHING
         self.drifts: list[DriftFit] = []
-        self.x, self.pose_error = np.empty((0, 6)), 0.1
+        self.x, self.pose_error = np.empty((0, 7)), 0.1
         self.share, self.places = np.empty(0), np.empty((0, 3))
         self.covariance = np.zeros((2, 2))
         self.sure = False
         self.age = 0
         self._evidence = evidence
         self._damping = np.empty(0)
+        self._yaw_sigma = math.inf  # of the best one, rad
 
     def take(self, one: Explanation, o: Observation) -> None:
         """Go on from an explanation."""
@@ -90,12 +92,17 @@ class Hypotheses:
         """Return their average, without the drift."""
         (nn, ne), (_, ee) = self.covariance.tolist()
         north, east, down = (self.share @ self.places).tolist()
+        far = abs(self.x[0, 6]) > max(_TURNED, _TURNED_SIGMAS * self._yaw_sigma)
+        turned_deg = math.degrees(self.x[0, 6]) if far else None
         if not self.drifts:
-            return Found(north, east, down, (nn, ne, ee))
+            alike = self.pose_error**2  # errors of places that are near in time need not average out
+            now_covariance = nn + alike, ne, ee + alike
+            return Found(north, east, down, (nn, ne, ee), None, now_covariance, turned_deg)
         best = self.drifts[0]  # not where it seems to be now, but where it was all the time
-        (all_nn, all_ne), (_, all_ee) = best.covariance[:2, :2].tolist()
-        mean_north, mean_east, mean_down = best.x[:3].tolist()
-        return Found(mean_north, mean_east, mean_down, (all_nn, all_ne, all_ee), (north, east), (nn, ne, ee))
+        now, now_covariance = (north, east), (nn, ne, ee)
+        (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
+        north, east, down = best.x[:3].tolist()
+        return Found(north, east, down, (nn, ne, ee), now, now_covariance, turned_deg)
 
     def seed(self, o: Observation) -> None:
         """Add those that agree with a reading."""
@@ -112,8 +119,8 @@ class Hypotheses:
         fit, damping = dipole.refine(self.x, self._damping, self.readings, self.pose_error, rounds)
         order = np.argsort(fit.cost, kind="stable")
         x, cost = fit.x[order], fit.cost[order] - fit.cost[order[0]]
-        x[:, 3:] *= np.where(x[:, 3:] @ x[0, 3:] < 0, -1, 1)[:, None]  # m and −m sound alike
-        scale = _SAME * ([1 + math.dist(x[0, :3], o.position)] * 3 + [1] * 3)
+        x[:, 3:6] *= np.where(x[:, 3:6] @ x[0, 3:6] < 0, -1, 1)[:, None]  # m and −m sound alike
+        scale = _SAME * ([1 + math.dist(x[0, :3], o.position)] * 3 + [1] * 4)
         apart = (np.abs(x[:, None] - x) > scale).any(axis=2)
         kept = np.flatnonzero((cost < dipole.FORGET) & (apart | ~np.tri(len(x), k=-1, dtype=bool)).all(axis=1))[:_MANY]
         order = order[kept]
@@ -121,7 +128,9 @@ class Hypotheses:
         self.share /= self.share.sum()
         self.pose_error = dipole.likely_pose_error(fit, int(order[0]), self.readings)
         self.places = self.x[:, :3]
-        self._spread(_CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2])
+        each = _CAUTION * np.linalg.inv(fit.information[order])
+        self._yaw_sigma = math.sqrt(each[0, 6, 6])
+        self._spread(each[:, :2, :2])
 
     def _weigh_drifting(self) -> None:
         """Weigh the hypotheses under a drift, at their places in the frame reported now."""
@@ -131,7 +140,7 @@ class Hypotheses:
         self._damping = np.full(len(self.x), 0.01)
         self.share = np.exp([self.drifts[0].cost - d.cost for d in self.drifts])
         self.share /= self.share.sum()
-        self.pose_error = WHITE_M
+        self.pose_error, self._yaw_sigma = WHITE_M, math.sqrt(self.drifts[0].covariance[6, 6])
         self._spread(np.array([d.now_covariance[:2, :2] for d in self.drifts]))
 
     def _spread(self, each: NDArray[Any]) -> None:

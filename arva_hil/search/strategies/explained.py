@@ -23,15 +23,15 @@ Array = NDArray[np.float64]
 
 
 def dipole_at(found: Found, past: Iterable[Observation]) -> Array:
-    """Return the dipole (6,) at a place found that fits its readings best."""
+    """Return the dipole (7,) at a place found that fits its readings best."""
     readings = dipole.DipoleReadings()
     for o in past:
         if o.heard:
             for measured in o.measurements:
                 readings.add(o.position, o.rotation, *measured, o.time_s, o.ground)
     moments = dipole.MOMENT * np.array([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.7, -0.7, 0), (0, 0, 1)])
-    level = float(readings.level(np.array([[found.north, found.east, 0, 0, 0, 0]]))[0])
-    x = np.array([[found.north, found.east, level + down, *moment] for down in _DOWNS for moment in moments])
+    level = float(readings.level(np.array([[found.north, found.east, 0, 0, 0, 0, 0]]))[0])
+    x = np.array([[found.north, found.east, level + down, *moment, 0.0] for down in _DOWNS for moment in moments])
     fit, _ = dipole.refine(x, np.full(len(x), 0.01), readings, _POSE_M, _ROUNDS)
     best: Array = fit.x[int(np.argmin(fit.cost))]
     return best
@@ -44,7 +44,7 @@ class Explained:
         self._dipoles: list[Array] = []
 
     def add(self, x: Array) -> None:
-        """Add a dipole (6,)."""
+        """Add a dipole (7,)."""
         self._dipoles.append(x)
 
     def explain(self, o: Observation) -> bool:
@@ -54,7 +54,7 @@ class Explained:
     def _explains(self, x: Array, o: Observation) -> bool:
         away = np.array(o.position) - x[:3]
         rho = max(float(np.linalg.norm(away)), 0.1)
-        n, moment = away / rho, x[3:]
+        n, moment = away / rho, x[3:6]
         h_x, h_y, h_z = ((3 * (moment @ n) * n - moment) @ o.rotation).tolist()
         strength = math.hypot(h_x, h_y, h_z) if o.inner else math.hypot(h_x, h_y)
         expected_m = rho * max(strength, 1e-9) ** (-1 / 3)
@@ -62,5 +62,5 @@ class Explained:
             return False
         if o.inner or o.d_m > _ALIKE * expected_m:
             return True
-        aside = math.degrees(math.atan2(h_y, h_x)) - o.delta_deg
+        aside = math.degrees(math.atan2(h_y, h_x) - x[6]) - o.delta_deg
         return abs((aside + 90) % 180 - 90) < _ASIDE_DEG

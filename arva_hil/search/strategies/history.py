@@ -69,7 +69,7 @@ class Explanation(NamedTuple):
 
     cause: Cause
     readings: dipole.DipoleReadings
-    x: Array  # (K, 6)
+    x: Array  # (K, 7)
     pose_error: float
     best: DriftFit
     cost: float
@@ -118,7 +118,7 @@ class History:
         return there
 
     def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
-        """Return the fits under each cause, for hypotheses (K, 6) to begin with; this cause first.
+        """Return the fits under each cause, for hypotheses (K, 7) to begin with; this cause first.
 
         Where readings in time and in place fit a usual transmitter, no other cause is tried.
         """
@@ -214,7 +214,7 @@ def _drifts(cause: Cause, readings: dipole.DipoleReadings, fits: list[DriftFit])
 def _usual(one: Explanation) -> bool:
     """Return True if its dipole has a usual depth and moment, and explains most readings."""
     x, (level, *_) = one.best.x, one.readings.level(one.x)
-    strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
+    strength = float(np.linalg.norm(x[3:6])) / dipole.MOMENT
     outliers = dipole.unexplained(x, one.readings, ROUGH_M, ROUGHLY).mean()
     usual = bool(_DOWNS[0] < x[2] - level < _DOWNS[1]) and 1 / _STRENGTH < strength < _STRENGTH
     return usual and bool(outliers < OUTLIERS)

@@ -82,6 +82,7 @@ class Found(NamedTuple):
 
     `now`: where it is in the places that are reported now, if those drift: north, east. The vehicle flies there.
     `now_covariance`: of the goal in the places reported now, so of the place relative to the drone; None: `covariance`.
+    `turned_deg`: the receiver is turned by this angle from its reported heading, clockwise; None: not far from 0.
     """
 
     north: float
@@ -90,6 +91,7 @@ class Found(NamedTuple):
     covariance: Covariance | None = None
     now: tuple[float, float] | None = None
     now_covariance: Covariance | None = None
+    turned_deg: float | None = None
 
     @property
     def goal(self) -> tuple[float, float]:
@@ -97,19 +99,9 @@ class Found(NamedTuple):
         return self.now or (self.north, self.east)
 
     @property
-    def relative_covariance(self) -> Covariance | None:
-        """The covariance of the place relative to the drone, of north and east [m²]."""
-        return self.now_covariance or self.covariance
-
-    @property
     def sigma(self) -> float | None:
         """The largest standard deviation of all horizontal directions [m]."""
         return sigma_of(self.covariance)
-
-    @property
-    def relative_sigma(self) -> float | None:
-        """The same of the place relative to the drone."""
-        return sigma_of(self.relative_covariance)
 
 
 class Belief(NamedTuple):
