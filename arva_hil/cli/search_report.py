@@ -20,6 +20,7 @@ from arva_hil.records.writing import RecordError
 from arva_hil.records.writing.search_log import TRACK, SearchLog
 from arva_hil.search.mission.choice import NO_ID
 from arva_hil.search.mission.outcome import Outcome
+from arva_hil.search.strategies.history import speed_of
 
 PICTURE: Final = "search.png"
 EXIT: Final = {
@@ -86,6 +87,10 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
         north, east = heard.nearest_at
         there = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
         lines.append(f"{name(id_)} was received, but not found; nearest, {heard.nearest_m:.1f} m away, at {there}")
+    for id_, track in outcome.moving:
+        _, north, east = track[-1]
+        there = f"{north:z.0f} m north, {east:z.0f} m east of the take-off point"
+        lines.append(f"{name(id_)} moves, at about {speed_of(track):.1f} m/s, and was put aside; last {there}")
     return lines
 
 
@@ -124,6 +129,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
             {"id": None if id_ == NO_ID else id_, "nearest_m": heard.nearest_m, "nearest_at": heard.nearest_at}
             for id_, heard in outcome.others
         ],
+        "moving": [{"id": id_, "track": track} for id_, track in outcome.moving],
         "wanted": outcome.wanted,
         "victims": victims_as_dicts(outcome),
     }

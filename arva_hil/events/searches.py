@@ -263,6 +263,17 @@ class TransmitterLeft(TransmitterEvent):
     """The search flies to the transmitter no more: another search has found it, or flies to it."""
 
 
+class TransmitterMoves(TransmitterEvent):
+    """The transmitter moves, as that of a rescuer. The search passes it by.
+
+    `speed_m_s`: the mean of its last track; `north_m`, `east_m`: the end of that.
+    """
+
+    speed_m_s: float
+    north_m: float
+    east_m: float
+
+
 class BeliefChanged(TransmitterEvent):
     """The strategy's present estimate, at most twice a second. Only some strategies report one.
 

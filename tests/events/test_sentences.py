@@ -358,6 +358,12 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "the readings of transmitter 5 do not agree with the place: the search flies to it once more",
     ),
     (
+        searches.TransmitterMoves(1.0, 5, 0.94, 4.4, -2.6),
+        "warning",
+        "transmitter 5 moves, at about 0.9 m/s: a rescuer who transmits? It is put aside, last 4 m north, -3 m east of "
+        "the take-off point",
+    ),
+    (
         searches.ReceiverTurned(1.0, 5, -10.4),
         "warning",
         "the receiver is turned by some -10° from its reported heading: check compass and --mount. The place allows "

@@ -228,6 +228,8 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     "m from the place recorded",
     searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: the "
     "search flies to it once more",
+    searches.TransmitterMoves: "warning: transmitter {transmitter:number} moves, at about {speed_m_s:.1f} m/s: a "
+    "rescuer who transmits? It is put aside, last {north_m:z.0f} m north, {east_m:z.0f} m east of the take-off point",
     searches.ReceiverTurned: "warning: the receiver is turned by some {degrees:+.0f}° from its reported heading: check "
     "compass and --mount. The place allows for it",
     searches.ReceiverKnown: "the receiver is {text}",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
-from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound, ReceiverTurned
+from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound, ReceiverTurned, TransmitterMoves
 from arva_hil.search.mission.accuracy import UNKNOWN
 from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations, pulses
 from arva_hil.search.mission.ground import Height
@@ -27,6 +27,7 @@ from arva_hil.search.mission.receiver_host import ReceiverHost
 from arva_hil.search.mission.victims import Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.guidance import Guidance
+from arva_hil.search.strategies.history import Track, speed_of
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategies.strips import Strips
@@ -91,6 +92,7 @@ class Mission:
         self.broken = False
         self.found: Found | None = None  # it flies above this place, to end there or to record it
         self.accuracy = UNKNOWN
+        self.moving: dict[int, Track] = {}  # the transmitters that move
         self.sure = True
         self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
@@ -200,8 +202,9 @@ class Mission:
 
     @property
     def others(self) -> dict[int, HeardTransmitter]:
-        """The transmitters received and not found."""
+        """The transmitters received and not found; without those that move."""
         heard, target = self.choice.heard, self.choice.target
+        heard = {id_: one for id_, one in heard.items() if id_ not in self.moving}
         if self.victims.several:
             return {id_: one for id_, one in heard.items() if not self.victims.knows(id_)}
         return {id_: one for id_, one in heard.items() if self.found is None or id_ != target}
@@ -305,6 +308,8 @@ class Mission:
         """Return True if a transmitter is another search's, or found. Without ids that is unknown."""
         if id_ == NO_ID:
             return False
+        if id_ in self.moving:
+            return True
         metres = self.choice.heard[id_].nearest_m
         return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own, metres=metres))
 
@@ -316,6 +321,12 @@ class Mission:
             self._end(because(Why.STRATEGY_FAILED, text=answer.failed), broken=True)
             return
         if (target := self.choice.target) is None or self.found is not None:
+            return
+        if answer.track and target != NO_ID:
+            self.moving[target] = answer.track
+            _, north, east = answer.track[-1]
+            self._emit(TransmitterMoves(time_s, target, speed_of(answer.track), north, east))
+            self._go_on(position)
             return
         if answer.found is not None:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):

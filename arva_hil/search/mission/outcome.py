@@ -11,6 +11,7 @@ from arva_hil.search.mission.accuracy import UNKNOWN, Accuracy
 from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.victims import Victim, probing_order
+from arva_hil.search.strategies.history import Track
 from arva_hil.search.strategies.strategy import Found
 
 Kind = Literal["found", "not sure", "not found", "no link", "failed", "refused", "would fly"]
@@ -46,6 +47,7 @@ class Outcome:
     victims: tuple[Victim, ...] = ()
     wanted: int | None = 1  # how many were searched for; None: all
     from_drone: tuple[float, float] | None = None  # of `found`: north and east of the drone at the end, m
+    moving: tuple[tuple[int, Track], ...] = ()  # transmitters that move, with their last tracks
     accuracy: Accuracy = UNKNOWN  # of the drone's position on Earth
 
 
@@ -118,5 +120,6 @@ def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tup
         victims,
         mission.plan.victims,
         from_drone=from_drone,
+        moving=tuple(mission.moving.items()),
         accuracy=mission.accuracy,
     )

@@ -23,6 +23,7 @@ from arva_hil.errors import ArvaError
 from arva_hil.safe_text import shown
 from arva_hil.search.strategies.agreement import Evidence
 from arva_hil.search.strategies.explained import dipole_at
+from arva_hil.search.strategies.history import Track
 from arva_hil.search.strategies.strategy import Belief, Covariance, Found, Observation, Position, Strategy, Velocity
 
 _REMEMBERED: Final = 256  # observations of each transmitter
@@ -49,6 +50,8 @@ class AnalysisResult(NamedTuple):
     """The dipole (7,) at that place that fits its readings best; of a transmitter without an id only."""
     belief: Belief | None = None
     """The present estimate of the strategy; None if it has none, or without a new reading."""
+    track: Track = ()
+    """The track of a transmitter that moves; empty if it stands still."""
     contradictions: tuple[bool, ...] | None = None
     """For each of the newest readings: True if it contradicts that place. None without an order to check it."""
     failed: str = ""
@@ -138,6 +141,7 @@ class Analysis:
         if isinstance(belief, Belief):
             belief = belief._replace(hypotheses=belief.hypotheses[:_MOST_HYPOTHESES])
             self._answer = self._answer._replace(belief=belief)
+        self._answer = self._answer._replace(track=getattr(strategy, "track", ()))
         if found is not None:
             self._unjudged = found, height_m
             if self._at_once:

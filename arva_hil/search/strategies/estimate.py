@@ -19,7 +19,7 @@ from . import dipole
 from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
 from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again
-from .history import NOTHING, Explanation
+from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _STEP_M: Final = 0.48  # flown between two readings that are kept
@@ -164,6 +164,7 @@ class Estimate:
     def __init__(self, speed: float) -> None:
         self._speed = speed
         self._found: Found | None = None
+        self.track: Track = ()  # of a transmitter that moves
         self._evidence = Evidence()
         self._dipoles = Hypotheses(self._evidence)
         self._unexplained = 0  # readings since causes were compared
@@ -265,6 +266,7 @@ class Estimate:
         judgement = judged((north, east), every)
         agrees = judgement is not None and judgement.agrees(-o.position[2])
         if not agrees:
+            self.track = self._evidence.track(self._dipoles.x[:3], every)
             self._doubtful_s = min(self._doubtful_s, o.time_s)
             self._circle = None
         if self._believe(every, _LIKELIER, o, drift=_LIKELY):
@@ -282,7 +284,9 @@ class Estimate:
 
     def _explain(self, o: Observation) -> None:
         """Find out how late the readings are, how their places drift, and which antennas fail."""
-        self._believe(self._evidence.explanations(self._dipoles.x[:3], self._dipoles.cause), _EVIDENT, o)
+        every = self._evidence.explanations(self._dipoles.x[:3], self._dipoles.cause)
+        self.track = self._evidence.track(self._dipoles.x[:3], every)
+        self._believe(every, _EVIDENT, o)
 
     def _believe(
         self, every: Sequence[Explanation], evident: float, o: Observation, *, drift: float = _EVIDENT

@@ -10,6 +10,8 @@ from __future__ import annotations
 import bisect
 import math
 import operator
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -31,6 +33,10 @@ _FEW, _FEWER = 3, 2  # hypotheses; where places drift
 _PASSES: Final = ((2, 12), (4, _FEW), (6, _FEW))  # rounds, and the hypotheses that are kept after them
 _ODD: Final = 4.0  # cost of anything but the usual drift
 _NEWEST: Final = 32  # readings that are all used
+_WALK_M: Final = 5.0  # sigma of the motion of one who walks, as a drift
+_STANDS_M: Final = 0.6  # up to this error of the places it may stand still
+_WALKED_M: Final = 8.0  # of the newest track, at least
+_EVIDENT: Final = 16.0  # a walk is more likely by e^16 than all else
 _FITS_M: Final = 0.08  # up to this error of the places no lag or drift is tried
 _DOWNS: Final = (-2.5, 3.5)  # usual depth of a transmitter below the ground [m]
 _STRENGTH: Final = 2.3  # usual moment: up to so many times the reference transmitter's, or that part of it
@@ -62,6 +68,9 @@ _CAUSES: Final = (
     *(Cause(gains=gains) for gains in _GAINS),
     *(Cause(deaf_m=deaf_m) for deaf_m in _DEAF_M),
 )
+
+
+Track = tuple[tuple[float, float, float], ...]  # time [s], north, east [m]
 
 
 class Explanation(NamedTuple):
@@ -134,6 +143,24 @@ class History:
         every[0] = next((one for one in drifts if one.cause == cause), first)
         return every + [one for one in drifts if one.cause != cause]
 
+    def track(self, x: Array, every: Sequence[Explanation]) -> Track:
+        """Return the track of a transmitter that walks: () if another explanation of `every` is about as likely.
+
+        It is as if the places reported drifted faster and farther than those of any GPS. `x`: hypotheses (K, 7).
+        """
+        best = min(every, key=lambda one: one.cost)
+        if best.cause.drift_m < max(DRIFTS_M) and best.pose_error < _STANDS_M:
+            return ()
+        walks = self._fitted(x, Cause(drift_m=_WALK_M))
+        if walks.cost > best.cost - _EVIDENT:
+            return ()
+        time_s, moved = walks.best.time_s[1:], walks.best.x[:2] + walks.best.drift[:2, 1:].T
+        order = np.argsort(time_s)[-_NEWEST:]
+        far = np.ptp(moved[order], axis=0)
+        if math.hypot(*far) < _WALKED_M:
+            return ()
+        return tuple((at, *place) for at, place in zip(time_s[order].tolist(), moved[order].tolist(), strict=True))
+
     def _drifting(self, x: Array, first: Explanation, lag_s: float) -> list[Explanation]:
         """Return the fits under each drift, if readings are about so late. Begin a fit where another ended."""
         some = (self._fitted(x, Cause(lag_s=one, drift_m=DRIFTS_M[0])) for one in (0.0, _LATER_S))
@@ -197,6 +224,12 @@ class History:
         share = (time_s - a.time_s) / (b.time_s - a.time_s)
         north, east, down = (p + (q - p) * share for p, q in zip(a.position, b.position, strict=True))
         return (north, east, down), a.rotation if share < 0.5 else b.rotation
+
+
+def speed_of(track: Track) -> float:
+    """Return the mean speed along a track [m/s]."""
+    way = sum(math.dist(a[1:], b[1:]) for a, b in pairwise(track))
+    return way / max(track[-1][0] - track[0][0], 1.0)
 
 
 def _distance(o: Observation) -> float:
