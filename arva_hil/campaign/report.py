@@ -22,7 +22,8 @@ _COLUMNS: Final = {  # several of it; its name as an axis
     "take_off_m": ("take-off heights", "take-off height, m"),
     "drones": ("numbers of drones", "drones"),
 }
-_HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path, m", "error, m")
+_SPREADS: Final = ("time, s", "path, m", "error, m", "±, m")
+_HEAD: Final = ("runs", "successes", "rate", "95 % confidence", *_SPREADS, "in 1σ / 2σ", "false")
 
 
 def text(rows: Sequence[TrialRow], success_m: float) -> str:
@@ -35,7 +36,8 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
     )
     lines = table_lines([("strategy", *_HEAD), *each])
     far = found_far(rows, success_m)
-    foot = f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %"
+    foot = f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %; "
+    foot += "false: found, but more than 2 m / 3σ off"
     return "\n".join([*lines, foot, *([far] if far else [])])
 
 
@@ -94,6 +96,9 @@ def _cells(s: Summary) -> tuple[str, ...]:
         _pair(s.time_s, ".0f"),
         _pair(s.path_m, ".0f"),
         _pair(s.error_m, ".2f"),
+        _pair(s.sigma_m, ".2f"),
+        "–" if s.inside is None else " / ".join(f"{100 * share:.0f} %" for share in s.inside),
+        f"{s.false[0]} / {s.false[1]}",
     )
 
 

@@ -31,7 +31,9 @@ REPORT: Final = "report.html"
 FAILED: Final = "failed: "  # begins the outcome of a trial that ended with an error of the program
 
 _APPLICATION: Final = 0x41525641  # "ARVA", in the header of the database
-_FORMAT: Final = 2  # of the table, also in the header
+_FORMAT: Final = 3  # of the table, also in the header
+_ROUNDING: Final = 0.0011  # m and s: values that differ by this much are alike
+_FALSE_M: Final = 2.0  # a place found with a larger error is false
 _WAIT_S: Final = 1.0  # for another program to release the database
 _ELSEWHERE: Final = "it is left as it is; name another folder with --out"
 
@@ -63,6 +65,9 @@ class TrialRow:
     time_s: float
     path_m: float
     frames: int
+    sigma_m: float | None = None
+    relative_m: float | None = None
+    relative_sigma_m: float | None = None
 
     @property
     def failed(self) -> bool:
@@ -70,6 +75,21 @@ class TrialRow:
 
     def success(self, within_m: float) -> bool:
         return self.outcome == FOUND and self.error_m is not None and self.error_m <= within_m
+
+    def within(self, sigmas: float) -> bool | None:
+        """Return True if the error on Earth is at most so many of its uncertainty; None without one."""
+        if self.outcome != FOUND or self.error_m is None or self.sigma_m is None:
+            return None
+        return self.error_m <= sigmas * self.sigma_m
+
+    def difference(self, other: TrialRow) -> str:
+        """Return the first column that differs, with both values; "" if the rows are alike but for rounding."""
+        for name in _COLUMNS:
+            mine, its = getattr(self, name), getattr(other, name)
+            alike = isinstance(mine, float) and isinstance(its, float) and abs(mine - its) <= _ROUNDING
+            if mine != its and not alike:
+                return f"{name} {its} instead of {mine}"
+        return ""
 
 
 _TYPES: Final = {
@@ -99,9 +119,10 @@ def flown(planned: Planned) -> dict[str, Any]:
 
 
 def row(planned: Planned, result: Result) -> TrialRow:
-    """Return the row of a trial with its result."""
+    """Return the row of a trial with its result, in millimetres and milliseconds: machines differ in what is less."""
     outcome = one_line(" ".join(result.outcome.split())[:300])
-    return TrialRow(**flown(planned), **asdict(result) | {"outcome": outcome})
+    values = {name: round(value, 3) for name, value in asdict(result).items() if isinstance(value, float)}
+    return TrialRow(**flown(planned), **asdict(result) | values | {"outcome": outcome})
 
 
 class Results:
@@ -167,10 +188,11 @@ class Results:
             raise ResultsError(f"{folder}: no {NAME} there, expected the folder of a campaign")
         with opened(folder) as other:
             ended = [one for one in other.rows.values() if not one.failed]
-        if differs := [one.key for one in ended if self.done(one.key) and self.rows[one.key] != one]:
+        every = {one.key: self.rows[one.key].difference(one) for one in ended if self.done(one.key)}
+        if differs := [f"{key}, {difference}" for key, difference in every.items() if difference]:
             raise ResultsError(
                 f"{folder}: {len(differs)} trials ended differently than in {self.path.parent}, e.g. {differs[0]}: "
-                "not flown by the same arva-hil; leave it out"
+                "flown by another arva-hil, numpy, or kernel of its BLAS (OPENBLAS_CORETYPE); leave it out"
             )
         self.add(*(one for one in ended if not self.done(one.key)))
 
@@ -241,7 +263,9 @@ class Summary:
     """Statistics of some runs.
 
     `interval`: the 95 % confidence interval of the success rate. `time_s`, `path_m` (of successes) and `error_m` (of
-    all places reported): median and 90th percentile, None without values.
+    all places reported): median and 90th percentile, None without values. `sigma_m`: the same of the uncertainty of
+    places found; `inside`: the shares of them inside 1σ and 2σ. `false`: places found that are more than 2 m off, and
+    more than 3σ.
     """
 
     runs: int
@@ -251,6 +275,9 @@ class Summary:
     time_s: Pair | None
     path_m: Pair | None
     error_m: Pair | None
+    sigma_m: Pair | None
+    inside: Pair | None
+    false: tuple[int, int]
 
     @property
     def rate(self) -> float:
@@ -270,6 +297,8 @@ def wilson(successes: int, runs: int) -> Pair:
 def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
     """Return the statistics of rows. A run that failed with an error of the program counts as a run without success."""
     good = [row for row in rows if row.success(success_m)]
+    inside = [[within for row in rows if (within := row.within(sigmas)) is not None] for sigmas in (1, 2, 3)]
+    far = sum(row.outcome == FOUND and row.error_m is not None and row.error_m > _FALSE_M for row in rows)
     return Summary(
         len(rows),
         sum(row.failed for row in rows),
@@ -278,6 +307,9 @@ def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
         _spread([row.time_s for row in good]),
         _spread([row.path_m for row in good]),
         _spread([row.error_m for row in rows if row.error_m is not None]),
+        _spread([row.sigma_m for row in rows if row.outcome == FOUND and row.sigma_m is not None]),
+        (sum(inside[0]) / len(inside[0]), sum(inside[1]) / len(inside[1])) if inside[0] else None,
+        (far, inside[2].count(False)),
     )
 
 

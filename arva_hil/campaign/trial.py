@@ -14,6 +14,7 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import sigma_of
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 
 FOUND: Final = in_words(because(Why.FOUND))  # in the table of results
@@ -23,7 +24,7 @@ _AROUND_S: Final = 120.0  # for the take-off
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """All conditions of a flight. The same trial gives the same result on every machine and in every run."""
+    """All conditions of a flight. The same trial gives the same result in every run."""
 
     strategy: str
     scenario: Scenario  # its seed is that of the receiver's noise
@@ -46,6 +47,9 @@ class Result:
     They are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the true
     place of the hovering vehicle (None for several drones); of several transmitters the largest and the last one's. Of
     several drones: the time until as many as wanted were found, and the sums of their paths and frames.
+
+    `sigma_m`: the uncertainty of the place on Earth; `relative_m`, `relative_sigma_m`: error and uncertainty of the
+    place relative to the vehicle. All are None for several transmitters or drones.
     """
 
     outcome: str  # "found", or why not
@@ -54,6 +58,9 @@ class Result:
     time_s: float  # from the end of take-off to the end of the search, on the vehicle's clock
     path_m: float  # flown in that time, horizontally
     frames: int
+    sigma_m: float | None = None
+    relative_m: float | None = None
+    relative_sigma_m: float | None = None
 
 
 def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result:
@@ -92,6 +99,11 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
     missions = [drone.mission for drone in loop.drones if drone.mission]
     errors = [error for drone in loop.drones if (error := drone.error()) is not None]
     hovers = first.mission is not None and first.mission.found is not None and not team
+    spread: tuple[float | None, ...] = ()
+    if hovers and first.mission and first.mission.found and not first.several:
+        found, accuracy = first.mission.found, first.mission.accuracy
+        relative_sigma_m = sigma_of(accuracy.relative(found))
+        spread = sigma_of(accuracy.on_earth(found)), first.relative_error(clock.now()), relative_sigma_m
     return Result(
         _team_outcome(len(loop.found), wanted) if team else _outcome(first),
         max(errors, default=None),
@@ -99,6 +111,7 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         max((mission.progress.searched_s for mission in missions), default=0.0),
         sum((mission.progress.path_m for mission in missions), 0.0),
         sum(mission.progress.frames for mission in missions),
+        *spread,
     )
 
 

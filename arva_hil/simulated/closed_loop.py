@@ -141,6 +141,14 @@ class Drone:
         north, east, _ = self.search.origin.ned(*self.vehicle.truth(now).lla).tolist()
         return self._distance((north, east))
 
+    def relative_error(self, now: float) -> float | None:
+        """Return the error of the vector from the vehicle to the place that it lands on; None: no place yet."""
+        if self.search.origin is None or self.mission is None or self.mission.found is None:
+            return None
+        true, goal, told = self.vehicle.truth(now).lla, self.mission.found.goal, self.mission.progress.position
+        north, east, _ = self.search.origin.ned(*true).tolist()
+        return self._distance((north + goal[0] - told[0], east + goal[1] - told[1]))
+
     def error(self) -> float | None:
         """Return the distance from the reported place to the transmitter searched for; None: no place yet.
 

@@ -60,11 +60,12 @@ def test_sums_are_those_worked_out_by_hand() -> None:
 def test_the_table_has_a_line_for_each_strategy_with_its_interval() -> None:
     rows = runs(0.5, 1.0, None, 9.0) + runs(None, None, strategy="estimate")
     head, flux, estimate, foot, _ = report.text(rows, 2.0).split("\n")
-    assert head.split() == "strategy runs successes rate 95 % confidence time, s path, m error, m".split()
+    columns = "strategy runs successes rate 95 % confidence time, s path, m error, m ±, m in 1σ / 2σ false"
+    assert head.split() == columns.split()
     assert flux.split("  ")[0] == "flux"
     assert re.split(r"\s{2,}", flux)[1:5] == ["4", "2", "50.0 %", "15.0–85.0 %"]
-    assert re.split(r"\s{2,}", flux)[5:] == ["15 / 19", "14 / 17", "1.00 / 7.40"]
-    assert re.split(r"\s{2,}", estimate) == ["estimate", "2", "0", "0.0 %", "0.0–65.8 %", "–", "–", "–"]
+    assert re.split(r"\s{2,}", flux)[5:] == ["15 / 19", "14 / 17", "1.00 / 7.40", "–", "–", "1 / 0"]
+    assert re.split(r"\s{2,}", estimate) == ["estimate", "2", "0", "0.0 %", "0.0–65.8 %", *"–––––", "0 / 0"]
     assert "within 2 m" in foot
 
 

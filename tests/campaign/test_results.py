@@ -19,7 +19,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from arva_hil.campaign import results as module
-from arva_hil.campaign.results import NAME, REPORT, TABLE, ResultsError, TrialRow, opened, row
+from arva_hil.campaign.results import NAME, REPORT, TABLE, ResultsError, TrialRow, opened, row, summary
 from arva_hil.campaign.trial import Result
 
 from .fakes import PLAN, fake, planned
@@ -209,7 +209,7 @@ def test_a_folder_of_an_older_version_or_of_somebody_else_is_left_as_it_is(tmp_p
         ("CREATE TABLE own (a)", "not from a campaign"),
         ("CREATE TABLE results (key, mine)", "not from a campaign"),
         ("CREATE VIEW results AS SELECT 1 AS key", "not from a campaign"),
-        ("PRAGMA user_version = 3", "format 3 of another arva-hil, not 2"),
+        ("PRAGMA user_version = 2", "format 2 of another arva-hil, not 3"),
         ("ALTER TABLE results DROP COLUMN frames", "cannot be opened: no such column: frames"),
     ],
 )
@@ -363,3 +363,22 @@ def test_when_the_table_cannot_be_written_the_one_before_stays(tmp_path: Path) -
             results.export(KEYS[:2])
     assert (tmp_path / TABLE).read_bytes() == before
     assert kept(tmp_path) == ROWS[:2]
+
+
+def test_values_that_differ_by_rounding_alone_are_alike() -> None:
+    one = row(EVERY[0], Result("found", 0.123456, 0.5, 60.0004, 55.0, 61))
+    assert (one.error_m, one.time_s) == (0.123, 60.0)
+    assert one.difference(replace(one, error_m=0.124)) == ""
+    assert one.difference(replace(one, error_m=0.126)) == "error_m 0.126 instead of 0.123"
+    assert one.difference(replace(one, error_m=None)) == "error_m None instead of 0.123"
+    assert one.difference(replace(one, outcome="not sure")) == "outcome not sure instead of found"
+
+
+def test_the_summary_says_how_often_places_are_inside_their_uncertainty_and_how_many_are_false() -> None:
+    found = [(0.5, 1.0), (1.5, 1.0), (2.5, 2.0), (3.5, 1.0)]
+    rows = [replace(ROWS[0], outcome="found", error_m=error, sigma_m=sigma) for error, sigma in found]
+    some = summary([*rows, replace(ROWS[0], outcome="not sure", error_m=50.0, sigma_m=1.0)], 2.0)
+    assert some.inside == (0.25, 0.75)
+    assert some.false == (2, 1)
+    assert some.sigma_m == (1.0, pytest.approx(1.7))
+    assert summary([replace(rows[0], sigma_m=None)], 2.0).inside is None
