@@ -1,4 +1,4 @@
-"""The plan of a campaign as a file has it. Every axis of it is one value or a list of them, and all are crossed."""
+"""The file of a campaign's plan. Each axis is one value or a list; the campaign flies every combination."""
 
 import math
 import os
@@ -83,7 +83,7 @@ class _Seeds(_Axis):
 
 
 class _ByStrategy(Constraint):
-    """One number for all strategies, or a mapping from their names, which is read when they are known."""
+    """One number for all strategies, or a mapping from their names, read once the strategies are known."""
 
     kind = "a number, or one by strategy"
 
@@ -173,25 +173,29 @@ class CampaignPlan(Table):
     spec: InitVar[int] = key(Whole(1, SPEC, "a spec"), "the version of this file format", default=SPEC, kw_only=True)
     strategies: tuple[str, ...] = key(_Axis(Named(STRATEGIES, "a strategy")), "what flies")
     scenarios: Mapping[str, Scenario | Random] = key(
-        _Scenarios(_File(), "scenarios"), "files, relative to this one, and random ones, drawn by the seed"
+        _Scenarios(_File(), "scenarios"), "files, relative to this one, or random scenarios, drawn by the seed"
     )
-    seeds: Sequence[int] = key(_Seeds(SEED, "seeds"), "of the noise and of what is drawn", default=range(1, 2))
+    seeds: Sequence[int] = key(
+        _Seeds(SEED, "seeds"), "of the noise and of everything that is drawn", default=range(1, 2)
+    )
     noise: tuple[NoiseKind | None, ...] = key(
-        _Axis(Word(NOISE_KINDS)), "of the receiver; without it as the scenario has it", default=(None,)
+        _Axis(Word(NOISE_KINDS)), "of the receiver; default: the scenario's", default=(None,)
     )
-    wind_m_s: tuple[float, ...] = key(_WIND, "from a direction that the seed draws", default=(0.0,))
+    wind_m_s: tuple[float, ...] = key(_WIND, "the seed draws its direction", default=(0.0,))
     gps_noise_m: tuple[float, ...] = key(_GPS_NOISE, "sigma on each axis", default=(0.0,))
     take_off_m: tuple[float, ...] = key(_Axis(_HEIGHT, "numbers"), "height of the take-off", default=(3.0,))
     height_m: Mapping[str, float] = key(_ByStrategy(_HEIGHT), "held in the search", default=3.0)
     speed_m_s: Mapping[str, float] = key(_ByStrategy(_SPEED), "of the search", default=1.0)
     limit_s: Mapping[str, float] = key(_ByStrategy(_LIMIT), "of the search, then it lands", default=900.0)
-    victims: int | None = key(HowMany(), "how many transmitters are searched for, or all", default=1)
+    victims: int | None = key(HowMany(), "the number of transmitters to find, or all", default=1)
     drones: tuple[int, ...] = key(
-        _Axis(Whole(1, MOST_DRONES)), "that divide the area; one finds all `victims`, several one each", default=(1,)
+        _Axis(Whole(1, MOST_DRONES)),
+        "drones that share the area: one finds all `victims`, several find one each",
+        default=(1,),
     )
     area_m: Area = key(AreaM(), "searched in strips: south, west, north, east of home", default=_AREA)
     strip_width_m: float = key(_WIDTH, "of the strips", default=40.0)
-    success_m: float = key(_HEIGHT, "how near the place reported has to be", default=2.0)
+    success_m: float = key(_HEIGHT, "the largest error of the place reported", default=2.0)
 
     def __post_init__(self, spec: int) -> None:
         for name, number, value in _by_strategy(self):
@@ -229,7 +233,7 @@ def _by_strategy(plan: Any) -> Iterator[tuple[str, Number, Any]]:
 
 
 def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
-    """Return the plan in a file. Raises ScenarioError with all mistakes, those in its scenario files too."""
+    """Load a plan from a file. Raises ScenarioError with all mistakes, also those in its scenario files."""
     path = located(path)
     return parse_plan(read_text(path, "the plan of a campaign"), path)
 

@@ -1,4 +1,4 @@
-"""Constraints on the value of a key, each written once: its check, its wording and its JSON Schema.
+"""Constraints on the values of keys: the check of each, its wording and its JSON Schema.
 
 A constraint reads the values of a file (`nodes`) and those of Python alike.
 """
@@ -23,9 +23,9 @@ _TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): 
 
 
 class Constraint:
-    """A constraint on a value; `str()` says what is expected. `unit`: of its numbers, "" without one.
+    """A constraint on a value; `str()` is the expectation in words. `unit`: of its numbers, "" without one.
 
-    `table`: the class of the table that a file has there, or a list of them; None if it has none.
+    `table`: the class of the table at this place of a file, or of a list of tables; None if it has none.
     """
 
     unit: str = ""
@@ -120,7 +120,7 @@ def whole(value: Any) -> int | None:
 
 @dataclass(frozen=True)
 class Word(Constraint):
-    """One of some words, quoted or not."""
+    """One of several words, quoted or not."""
 
     words: Sequence[str]
     expected: str = ""
@@ -141,7 +141,7 @@ class Word(Constraint):
 
 @dataclass(frozen=True)
 class Named(Constraint):
-    """A name of what is in a registry: built in, or of a package that works. `word`: the kind, if not all names."""
+    """A name in a registry: built in, or of a package that works. `word`: the kind, if not all names."""
 
     registry: Registry
     word: str = ""
@@ -171,7 +171,7 @@ class Named(Constraint):
 
 @dataclass(frozen=True)
 class Text(Constraint):
-    """Some text that matches `pattern`, quoted or not."""
+    """A text that matches `pattern`, quoted or not."""
 
     what: str
     pattern: str = r"(?s:.+)"
@@ -190,7 +190,7 @@ class Text(Constraint):
 
 
 class On(Constraint):
-    """Only `true`, for what is just on; read as 1."""
+    """Only `true`, for a fault without a value; read as 1."""
 
     def __str__(self) -> str:
         return "true"
@@ -245,7 +245,7 @@ class Numbers(Constraint):
 
 
 class ListOf(Constraint):
-    """A list of items of one kind, a tuple in Python; its length is that of a file, which Python need not keep to."""
+    """A list of items of one kind, a tuple in Python. The limits of its length are for files alone."""
 
     def __init__(self, item: Constraint, low: int, high: int, what: str, unit: str = "") -> None:
         self.item, self.low, self.high, self.what, self.unit = item, low, high, what, unit
@@ -257,7 +257,7 @@ class ListOf(Constraint):
     def read(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise wrong(str(self))
-        some = value[: self.high] if isinstance(value, Items) else value  # of a thousand too many one thing is said
+        some = value[: self.high] if isinstance(value, Items) else value  # report a thousand items too many once
         values, violations = read_each(some, [self.item.read] * len(some))
         if isinstance(value, Items) and not self.low <= len(value) <= self.high:
             violations.insert(0, Violation(str(self)))

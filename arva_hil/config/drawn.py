@@ -1,4 +1,4 @@
-"""Scenarios of a campaign's plan that are drawn by the seed, and how many transmitters a search is for."""
+"""Random scenarios of a campaign's plan, and the number of transmitters that a search is for."""
 
 from typing import Any, Final, get_args
 
@@ -66,11 +66,11 @@ class Random(Table, one_of="within_m area_m"):
     """
 
     within_m: float | None = key(
-        Number(0, 10_000, above=True, unit="m"), "to the north, east, south and west of home", default=None
+        Number(0, 10_000, above=True, unit="m"), "of home to the north, east, south and west", default=None
     )
     depth_m: tuple[float, float] = key(_Depths(_DEPTH, _DEPTH), "from, to", default=(0.0, 2.0))
     area_m: Area | None = key(AreaM(), "instead: south, west, north, east of home", default=None)
-    count: int = key(Whole(1, 16), "how many, each anywhere", default=1)
+    count: int = key(Whole(1, 16), "the number of transmitters", default=1)
     model: str = key(Named(RECEIVERS), "of the receiver", default="paper")
     keying: KeyingKind | None = key(Word(get_args(KeyingKind)), "of the transmitters: the class of sets", default=None)
 

@@ -11,7 +11,7 @@ from arva_hil.errors import ArvaError
 
 @dataclass(frozen=True)
 class Problem:
-    """One mistake in a file. Lines and columns count from 1; 1:1 when it concerns the whole file."""
+    """One mistake in a file. Lines and columns count from 1; 1:1 is the whole file."""
 
     source: str
     line: int
@@ -43,7 +43,7 @@ class Violation:
     - `expected`: the valid values, in words.
     - `found`: the value in words; None if a description of the value is enough.
     - `nearest`: the nearest valid value.
-    - `path`: the keys and indices from the value that was read to the wrong one. With `at_key` the key there is wrong.
+    - `path`: the keys and indices that lead to the wrong value. With `at_key` the key there is wrong.
     - `first`: the path of the value or key that this one repeats.
     - `problem`: the problem of another file that the value names.
     """
@@ -64,7 +64,7 @@ class Violation:
 class ConstraintError(ArvaError, ValueError):
     """A value violates its constraints: all `violations`, those of an object with its class in `of`.
 
-    `given`: what is valid of the value, None if nothing is.
+    `given`: the valid part of the value, None without one.
     """
 
     def __init__(self, *violations: Violation, of: str = "", given: Any = None) -> None:
@@ -82,7 +82,7 @@ class ConstraintError(ArvaError, ValueError):
 
 
 def elsewhere(error: ScenarioError) -> ConstraintError:
-    """Return the error of a value that names a file with mistakes."""
+    """Return the error of a value that names a wrong file."""
     return ConstraintError(*(Violation(p.expected, p.found, problem=p) for p in error.problems))
 
 

@@ -50,19 +50,19 @@ class FaultKind(NamedTuple):
 class Fault(Table):
     """One fault and when it is on, in seconds from the start of the run.
 
-    `value`: a probability per frame or byte, seconds, a factor, a transmitter's id, or 1 for a fault that is just on.
-    It is on from `from_s` until `until_s`, and with `every_s` only for the first `for_s` of each period.
-    Raises ValueError for a name, value or schedule that no fault has.
+    `value`: a probability per frame or byte, seconds, a factor, a transmitter's id, or 1 for a fault without a value.
+    The fault is on from `from_s` until `until_s`; with `every_s` only for the first `for_s` of each period.
+    Raises ValueError for a wrong name, value or schedule.
     """
 
     name: str = key(Named(FAULTS))
     value: float = key(Anything())
     from_s: float = key(_TIME, "on from this time of the run", default=0.0)
     until_s: float = key(_TIME, "off from this time of the run; without it never", default=math.inf)
-    every_s: float | None = key(SPAN, "again and again: from one start to the next", default=None)
-    for_s: float | None = key(SPAN, "with every_s: how long each time", default=None)
+    every_s: float | None = key(SPAN, "repeated: time from one start to the next", default=None)
+    for_s: float | None = key(SPAN, "with every_s: duration of each", default=None)
     by_ned: Triple | None = key(NED_POINT, "of transmitter_moved: north, east, down", default=None)
-    over_s: float | None = key(SPAN, "of transmitter_fading: until nothing is left", default=None)
+    over_s: float | None = key(SPAN, "of transmitter_fading: time to silence", default=None)
 
     options: Any = key(Anything(), default=None)
 
@@ -174,7 +174,7 @@ def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:
 
 
 def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] | None:
-    """Return what was found and what was expected, if a scenario with these transmitters and format cannot have it."""
+    """Return what was found and what was expected if the fault does not fit these transmitters and this format."""
     kind: FaultKind = FAULTS[fault.name]
     if kind.valid is TRANSMITTER and fault.value not in ids:
         return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"
@@ -191,7 +191,7 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
 
 
 def plain_fault(fault: Fault) -> dict[str, Any]:
-    """Return the fault as plain JSON types; a file reads it back equal."""
+    """Return the fault as plain JSON types, from which a file gives an equal fault."""
     plain: dict[str, Any] = {fault.name: True if FAULTS[fault.name].valid is None else fault.value}
     if fault.options is not None:
         own = asdict(fault.options)
@@ -209,7 +209,7 @@ _OPTION: Final = re.compile(rf"(\w+(?:=(?:{_VALUE}))?(?:,\w+(?:=(?:{_VALUE}))?)*
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault that `NAME=VALUE,KEY=VALUE@FROM-UNTIL` is. Raises ValueError that says what is wrong with it."""
+    """Parse `NAME=VALUE,KEY=VALUE@FROM-UNTIL`. Raises ValueError with the mistake and the cure."""
     if share := re.search(r"=(\d+\.?\d*)%", text):
         raise ValueError(f"{text!r}: {share[1]}%, expected a share of 1: write {float(share[1]) / 100:g}")
     match = _OPTION.fullmatch(text)

@@ -1,4 +1,4 @@
-"""The JSON Schema of each kind of file for editors, made from the declarations."""
+"""The JSON Schema of each kind of file, for editors, from the declarations."""
 
 from __future__ import annotations
 

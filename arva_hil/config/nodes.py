@@ -1,4 +1,4 @@
-"""The values of a file, which know where they stand in it. Importing this does not import yaml.
+"""The values of a file, each with its place in it. Importing this does not import yaml.
 
 Scalars keep the text as written, so `off` is a string and `1e3` a number, whatever YAML 1.1 says.
 """
@@ -18,7 +18,7 @@ _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.:-]*")
 
 
 class Scalar(str):
-    """A scalar's text as written. `plain` is that text without quotes, and "" when there were quotes."""
+    """A scalar's text as written. `plain`: the text if it has no quotes, otherwise ""."""
 
     node: Node
     plain: str
@@ -41,7 +41,7 @@ class Items(list["Value"]):
 
 
 class Mapping(dict[str, Any]):
-    """A mapping. A key that no mapping can have, or that was there already, stands under a name that begins with `?`.
+    """A mapping. The name of an impossible or repeated key begins with `?`.
 
     `key_nodes` are the keys by that name.
     """

@@ -21,7 +21,7 @@ _WORDS: Final = {"true": True, "false": False, "null": None, "~": None}
 
 
 def read(cls: type[Any], mapping: Mapping[str, Any], what: str) -> OtherKeys:
-    """Return the own keys in a mapping of a file. `what` has them."""
+    """Return the own keys in a mapping of a file. `what`: their owner, for messages."""
     names = [field.name for field in dataclasses.fields(cls)]
     from pydantic import ValidationError  # slow to import
 
@@ -55,7 +55,7 @@ def schemas(cls: type[Any]) -> dict[str, Any]:
 
 
 def adapter(cls: type[Any]) -> "TypeAdapter[Any]":
-    """Return the validator of a class, made once: it takes a millisecond."""
+    """Return the validator of a class, made once: making it takes a millisecond."""
     from pydantic import TypeAdapter  # slow to import
 
     if cls not in _ADAPTERS:

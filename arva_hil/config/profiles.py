@@ -1,4 +1,4 @@
-"""Files that come with the program, by name, and profiles: files whose keys others take over by `profile: NAME`."""
+"""The built-in files, and profiles: files whose keys other files take over by `profile: NAME`."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ PREFIX: Final = "builtin:"
 
 
 def builtin_files() -> dict[str, Path]:
-    """Return the files by name, those of campaigns behind `campaigns/`; sorted."""
+    """Return the built-in files by name, sorted; those of campaigns begin with `campaigns/`."""
     package = Path(__file__).resolve().parents[1]
     installed, checkout = package / "configs", package.parent / "configs"
     folder = installed if installed.is_dir() else checkout
@@ -37,7 +37,7 @@ def located(path: str | os.PathLike[str]) -> str:
 
 
 class ReceiverProfile(Table):
-    """A file with what a kind of receiver is like."""
+    """A file with the properties of a kind of receiver."""
 
     spec: int = key(SPEC, "the version of this file format")
     receiver: ReceiverOptions = key(help="the keys of a scenario's receiver")
@@ -50,14 +50,14 @@ class ReceiverProfile(Table):
 
 
 class TransmitterTraits(Table):
-    """The traits of a kind of transmitter, independent of its place."""
+    """The properties of a kind of transmitter, without its place."""
 
     strength: float = key(STRENGTH, "relative to the reference transmitter", default=1.0)
     keying: KeyingOptions | None = key(help="when it sends", default=None)
 
 
 class TransmitterProfile(Table):
-    """A file with what a kind of transmitter is like."""
+    """A file with the properties of a kind of transmitter."""
 
     spec: int = key(SPEC, "the version of this file format")
     transmitter: TransmitterTraits = key(help="keys of a scenario's transmitter")
@@ -75,7 +75,7 @@ def profile_kind(text: str) -> str | None:
 
 
 def take_over(entry: Any, of: str) -> None:
-    """Give a receiver or a transmitter of a file the keys of its profile that it has not of its own.
+    """Give a receiver or a transmitter of a file those keys of its profile that it lacks.
 
     The path of a profile is relative to the file. Raises ScenarioError with the problems of the profile.
     """
@@ -89,7 +89,7 @@ def take_over(entry: Any, of: str) -> None:
 
 
 def _missing(name: nodes.Scalar, of: str) -> Problem | None:
-    """Return the problem of the name of a profile that does not exist, at its place."""
+    """Return the problem of a profile that does not exist, at the place of its name."""
     from arva_hil.config.reading import near_file  # slow to import
 
     built_in = [PREFIX + file.removeprefix(f"{of}s/") for file in builtin_files() if file.startswith(f"{of}s/")]
@@ -107,7 +107,7 @@ def _missing(name: nodes.Scalar, of: str) -> Problem | None:
 
 
 def read_profile(name: str, of: str) -> nodes.Mapping:
-    """Return the mapping in a profile's file, which is valid. Raises ScenarioError."""
+    """Return the valid mapping in a profile's file. Raises ScenarioError."""
     from arva_hil.config.reading import read_text  # slow to import
 
     own = str(Path(nodes.folder_of(name)) / name)
@@ -116,7 +116,7 @@ def read_profile(name: str, of: str) -> nodes.Mapping:
 
 
 def parse_profile(text: str, of: str, source: str) -> nodes.Mapping:
-    """Return the mapping of a profile's text, which is valid; `source` names it. Raises ScenarioError."""
+    """Return the valid mapping in a profile's text; `source`: its name. Raises ScenarioError."""
     from arva_hil.config.reading import read  # slow to import
 
     def checked(top: nodes.Value) -> nodes.Mapping:
@@ -128,7 +128,7 @@ def parse_profile(text: str, of: str, source: str) -> nodes.Mapping:
 
 
 def _place(value: nodes.Value, node: Any) -> None:
-    """Have a value of another file stand where a node of this one is."""
+    """Give a value of another file the place of a node of this one."""
     value.node = node
     if isinstance(value, nodes.Mapping):
         value.key_nodes = dict.fromkeys(value.key_nodes, node)

@@ -1,4 +1,4 @@
-"""From a file or its text to a value: every mistake at the line and column where it is."""
+"""From a file or its text to a value, with every mistake at its line and column."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BREAK: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 class Problems:
-    """Collects what is wrong with one text, in `found`."""
+    """The mistakes of one text, in `found`."""
 
     def __init__(self, source: str) -> None:
         self.found: list[Problem] = []
@@ -58,12 +58,12 @@ class Problems:
             if text[at.index : at.index + 1] == "\t":
                 self.fail(at, "a tab", "spaces")
             self._fail_syntax(error, at, text)
-        except (ValueError, OverflowError):  # where PyYAML trusts the number in "\U…" and %YAML
+        except (ValueError, OverflowError):  # PyYAML trusts the number in "\U…" and %YAML
             self.fail(loader.get_mark(), "not YAML (a number too large)", "a smaller one")
         return root
 
     def _fail_syntax(self, error: yaml.MarkedYAMLError, at: yaml.Mark, text: str) -> NoReturn:
-        """Report what PyYAML found at the place of the mistake, often before where PyYAML noticed it."""
+        """Report PyYAML's error at the place of the mistake, which is often earlier than PyYAML's."""
         context, problem, begun = error.context or "", error.problem or "", error.context_mark
         if begun and context == "while scanning a simple key":
             line = _BREAK.split(text[begun.index : begun.index + 1000])[0].strip()
@@ -79,7 +79,7 @@ class Problems:
 
 
 class _Loader(yaml.BaseLoader):
-    """Composes nodes, and refuses what no file needs and bombs are made of: aliases, tags and deep nesting."""
+    """Composes nodes. It refuses aliases, tags and deep nesting, of which YAML bombs are made."""
 
     def __init__(self, text: str, problems: Problems) -> None:
         super().__init__(text)
@@ -124,7 +124,7 @@ def keys_in(text: str) -> set[str]:
 
 
 def end_of(text: str) -> yaml.Mark:
-    """Return the place behind a text; lines are counted as YAML does."""
+    """Return the place after a text; lines are counted as in YAML."""
     lines = _BREAK.split(text)
     return yaml.Mark("", 0, len(lines) - 1, len(lines[-1]), None, 0)
 
@@ -190,7 +190,7 @@ def near_file(path: str) -> str | None:
 
 
 def open_at_once(path: str, flags: int) -> int:
-    """Opens a pipe without a writer, and does not wait: it is empty."""
+    """Open a pipe without a writer at once, as an empty file."""
     file = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
     if hasattr(os, "O_NONBLOCK"):
         os.set_blocking(file, True)
@@ -198,7 +198,7 @@ def open_at_once(path: str, flags: int) -> int:
 
 
 def read(text: str, source: str, what: str, reader: Callable[[Value], _T], newest: int = 1) -> _T:
-    """Read a text of a spec up to `newest` with `reader`. It should hold `what`; `source` names it in messages.
+    """Read a text of a spec up to `newest` with `reader`. `what`: its kind, `source`: its name, for messages.
 
     Raises ScenarioError with all mistakes.
     """
@@ -216,7 +216,7 @@ def read(text: str, source: str, what: str, reader: Callable[[Value], _T], newes
 
 
 def _add(problems: Problems, top: Value, violations: Iterable[Violation]) -> None:
-    """Add violations at the places of their values, each once, those of keys before those of values."""
+    """Add violations at the places of their values, each once, those of keys first."""
     seen = set()
     for one in sorted(violations, key=lambda one: not one.at_key):
         if one.problem:
@@ -243,7 +243,7 @@ def _key(violation: Violation) -> str:
 
 
 def _node(top: Value, path: Iterable[str | int], *, at_key: bool) -> yaml.Node:
-    """Return the node at a path, as far along it as there is one: of a key, or of a value."""
+    """Return the last node that exists along a path: of a key, or of a value."""
     value: Any = top
     node: yaml.Node = top.node
     for step in path:
@@ -266,7 +266,7 @@ def _spec(problems: Problems, root: yaml.Node, newest: int) -> int:
     node = every[0]
     spec = whole(Scalar(node))
     if spec is not None and spec > newest:
-        problems.found.clear()  # other problems may be none in that version
+        problems.found.clear()  # a newer program may accept the other mistakes
         found = f"spec {spec} is newer than this program reads ({newest}): upgrade arva-hil"
         problems.fail(node.start_mark, found, f"spec {newest}")
     return newest if spec is None or spec < 1 else spec

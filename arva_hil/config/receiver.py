@@ -18,7 +18,7 @@ PAPER: Final = "paper"  # it has no keys of its own; a scenario without another 
 
 
 def read_options(model: str | None, mapping: Mapping[str, Any]) -> OtherKeys:
-    """Return the own keys in a mapping whose model is this one (None: it is not known)."""
+    """Return the own keys of this model in a mapping (None: the model is unknown)."""
     cls = options_class(model)
     return OtherKeys() if cls is None else own_options.read(cls, mapping, f"the receiver model {model}")
 
@@ -34,7 +34,7 @@ def checked_options(model: str, options: Any) -> Any:
 
 
 def options_class(model: str | None) -> type[Any] | None:
-    """Return the class of a model's own keys, None if it has none or cannot be used.
+    """Return the class of a model's own keys; None if it has none, or cannot be used.
 
     Raises KindError for no dataclass.
     """
@@ -73,11 +73,11 @@ class _NoSignal(Numbers):
 
 
 class Noise(Table):
-    """The noise of eq. 4; `floor_range_m` is r_en, where it is as strong as the reference transmitter."""
+    """The noise of eq. 4. `floor_range_m`: r_en, the distance at which it equals the reference transmitter."""
 
-    kind: NoiseKind = key(Word(NOISE_KINDS), "how it is distributed", default="uniform")
+    kind: NoiseKind = key(Word(NOISE_KINDS), "its distribution", default="uniform")
     floor_range_m: float = key(
-        Number(0, 1_000_000, above=True, unit="m"), "it is like a transmitter that far away", default=80.0
+        Number(0, 1_000_000, above=True, unit="m"), "its strength: that of a transmitter at this distance", default=80.0
     )
 
 
@@ -92,12 +92,12 @@ class MountOptions(Table):
     """The mount of the receiver.
 
     `position`: body FRD, metres. `attitude`: roll, pitch, yaw in degrees. With a `sling` the receiver hangs from there,
-    leans with the rope, and has the heading of the vehicle plus that of `attitude`.
+    leans with the rope, and has the vehicle's heading plus that of `attitude`.
     """
 
     position: Triple = key(BODY_POINT, "body FRD, from the vehicle's position", default=(0.0, 0.0, 0.0))
     attitude: Triple = key(Attitude(), "receiver FRD to body FRD", default=(0.0, 0.0, 0.0))
-    sling: SlingOptions | None = key(help="it swings on a rope from there", since=2, default=None)
+    sling: SlingOptions | None = key(help="the rope on which it swings from there", since=2, default=None)
 
 
 _JITTER: Final = Number(0, 5, unit="s")
@@ -107,28 +107,30 @@ _ONE_SLOT: Final = _NoSignal(*[Whole(-1, 0)] * 2)
 
 
 class ReceiverOptions(Table):
-    """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) when there is nothing to report.
+    """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) of an empty slot.
 
-    Each frame is up to `jitter_s` late, less than half the period. `options`: for a model with keys of its own its
-    `Options`, or a mapping of them; a file has these keys beside `model`. `profile` is of files alone. Raises
-    ValueError when it does not fit.
+    Each frame is up to `jitter_s` late, less than half the period. `options`: own keys of the model, its `Options` or a
+    mapping; a file has these keys beside `model`. `profile` is a key of files only. Raises ValueError for wrong
+    values.
     """
 
-    channels: int = key(Whole(1, 16), "how many transmitters a frame can have, the nearest first", default=4)
+    channels: int = key(Whole(1, 16), "transmitters in a frame, the nearest first", default=4)
     rate_hz: float = key(RATE_HZ, "frames a second", default=1.0)
     jitter_s: float = key(_JITTER, "each frame is up to this late; less than half the period", default=0.0)
-    kappa_eq: float = key(_KAPPA_EQ, "what turns field into distance; 1.542 is right on average", default=1.542)
+    kappa_eq: float = key(_KAPPA_EQ, "factor from field to distance; 1.542 is right on average", default=1.542)
     sensitivity: Triple = key(_SENSITIVITY, "of the antennas along x, y and z", default=(1.0, 0.8, 0.6))
     noise: Noise = key(help="noise of the antennas", default=Noise())
-    mount: MountOptions = key(help="where on the vehicle it sits", default=MountOptions())
-    no_signal: tuple[int, int] = key(_ONE_SLOT, "distance and angle when there is nothing", default=(-1, -1))
-    model: str = key(Named(RECEIVERS), "what computes a reading; its own keys stand beside it", since=2, default=PAPER)
+    mount: MountOptions = key(help="its place on the vehicle", default=MountOptions())
+    no_signal: tuple[int, int] = key(_ONE_SLOT, "distance and angle of an empty slot", default=(-1, -1))
+    model: str = key(
+        Named(RECEIVERS), "the model that computes readings; the model's own keys are beside it", since=2, default=PAPER
+    )
     options: Any = key(Anything(), default=None)
     vehicle_noise: VehicleNoiseOptions | None = key(
-        help="what the motors add; only receivers of pulses care", since=2, default=None
+        help="noise of the motors; only for the model `pulsed`", since=2, default=None
     )
     profile: InitVar[str | None] = key(
-        PROFILE, "a file to take keys from, or builtin:NAME", since=2, default=None, kw_only=True
+        PROFILE, "the file with default keys, or builtin:NAME", since=2, default=None, kw_only=True
     )
 
     def __post_init__(self, profile: str | None) -> None:

@@ -1,4 +1,4 @@
-"""The scenario file: where the transmitters are and what the receivers are like, typed, frozen and validated.
+"""The scenario file: transmitters, receivers and their world, typed, frozen and validated.
 
 The file is YAML; `configs/default.yaml` has every key with its default. Units are those of the file:
 metres, degrees, seconds, hertz. World frame NED, body frame FRD.
@@ -59,30 +59,34 @@ _VEHICLES: Final = ListOf(TableOf(VehicleConfig), 1, 250, "vehicles")
 class Scenario(Table):
     """One scenario. `source` is the file's name; two scenarios that differ in nothing else are equal.
 
-    `pose`: whether the receiver is at the pose that the autopilot estimates or at the true pose of a simulator.
-    `navigation_error` (None: no error) is added to the estimate. Without `vehicles` there is one vehicle, on the
-    command line's link, with one receiver. A file has `output_format` in a mapping `output`. Raises ValueError if an
-    id or a name occurs twice, and for a navigation_error with `pose: truth`.
+    `pose`: the receiver is at the autopilot's estimate or at the simulator's truth. `navigation_error` (None: no
+    error) is added to the estimate. Without `vehicles` there is one vehicle, on the command line's link, with one
+    receiver. A file has `output_format` in a mapping `output`. Raises ValueError if an id or a name occurs twice, and
+    for a navigation_error with `pose: truth`.
     """
 
     spec: InitVar[int] = key(SPEC, "the version of this file format", default=1, kw_only=True)
     transmitters: tuple[Transmitter, ...] = key(_TRANSMITTERS, "the transmitters to find")
     datum: Datum = key(_HomeOrPlace(Lla), "the vehicle's home, or a place", default="home")
-    receiver: ReceiverOptions = key(help="what it is like", default=ReceiverOptions())
-    output: InitVar[OutputOptions | None] = key(help="what is sent", default=None, kw_only=True)
+    receiver: ReceiverOptions = key(help="its properties", default=ReceiverOptions())
+    output: InitVar[OutputOptions | None] = key(help="the frames", default=None, kw_only=True)
     output_format: str = key(FORMAT, default="binary")
-    seed: int = key(SEED, "same seed, same noise, same faults", default=1)
-    faults: tuple[Fault, ...] = key(_FAULTS, "on purpose and on time", default=())
+    seed: int = key(SEED, "the same seed gives the same noise and faults", default=1)
+    faults: tuple[Fault, ...] = key(_FAULTS, "faults, each with its schedule", default=())
     source: str = key(Text("a name", r"(?s:.*)"), default="default scenario", compare=False)
     pose: Pose = key(
         Word(get_args(Pose)),
-        "the vehicle's: an autopilot's estimate or a simulator's truth",
+        "the autopilot's estimate, or the simulator's truth",
         since=2,
         default="estimate",
     )
     navigation_error: NavigationError | None = key(help="true pose = reported pose + this", since=2, default=None)
-    vehicles: tuple[VehicleConfig, ...] = key(_VEHICLES, "without it one, the command line's", since=2, default=())
-    medium: MediumOptions | None = key(help="what lies between; without it air", since=2, default=None)
+    vehicles: tuple[VehicleConfig, ...] = key(
+        _VEHICLES, "default: one, on the command line's link", since=2, default=()
+    )
+    medium: MediumOptions | None = key(
+        help="the medium between transmitters and receivers; default: air", since=2, default=None
+    )
     terrain: Any = key(Terrain(), "the ground: an ESRI ASCII grid, or the autopilot's data", since=2, default=None)
 
     def __post_init__(self, spec: int, output: OutputOptions | None) -> None:
@@ -95,7 +99,7 @@ class Scenario(Table):
 
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
-        """Yield the values that contradict each other, in a scenario or in what is given of one."""
+        """Yield the values that contradict each other, in a scenario or in a `Given` part of one."""
         transmitters, vehicles = items_of(of, "transmitters"), items_of(of, "vehicles")
         yield from duplicates(transmitters, "id", "id")
         if vehicles:
@@ -128,7 +132,7 @@ DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
 
 
 def load(path: str | os.PathLike[str]) -> Scenario:
-    """Return the scenario in a file, or of a name as `builtin:default`.
+    """Load a scenario from a file, or by a name like `builtin:default`.
 
     Raises ScenarioError, also when it cannot be read.
     """
@@ -139,7 +143,7 @@ def load(path: str | os.PathLike[str]) -> Scenario:
 
 
 def parse(text: str, source: str) -> Scenario:
-    """Return the scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
+    """Parse a scenario. `source`: its name in messages. Raises ScenarioError with all mistakes."""
     from arva_hil.config.reading import read  # slow to import
 
     return read(text, source, WHAT, partial(_read, source=source), nodes.NEWEST_SPEC)
@@ -162,7 +166,7 @@ def _read(top: nodes.Value, source: str) -> Scenario:
 
 
 def _take_profiles(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> list[Violation]:
-    """Give transmitters and receivers the keys of their profiles; what is wrong with those."""
+    """Give transmitters and receivers the keys of their profiles. Returns the mistakes of the profiles."""
     violations: list[Violation] = []
     entries = [(one, "receiver") for one in (top.get("receiver"), *receivers)]
     for entry, of in [*entries, *((one, "transmitter") for one in top.tables("transmitters"))]:
@@ -193,7 +197,7 @@ def _inherit(top: nodes.Mapping, receivers: Collection[nodes.Mapping]) -> None:
 
 
 def to_dict(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario as plain JSON types with every default written out; `parse` reads it back equal."""
+    """Return the scenario with every default as plain JSON types, from which `parse` gives an equal scenario."""
     spec = 2 if newer_keys(scenario) else 1
     plain: dict[str, Any] = TableOf(Scenario).plain(scenario, spec)
     return {"spec": spec, **plain}

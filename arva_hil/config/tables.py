@@ -2,7 +2,7 @@
 
     rate_hz: float = key(Number(0.1, 50, unit="Hz"), "frames a second", default=1.0)
 
-is one key of a file, checked there and in Python, and has its place in the JSON Schema and on the reference page.
+is one key of files. It is checked in files and in Python, and is in the JSON Schema and on the reference page.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from arva_hil.errors import nearest
 
 
 def key(constraint: Constraint | None = None, help: str = "", *, since: int = 1, **more: Any) -> Any:
-    """Declare a field of a table, and a key of files from spec `since` on. Without `help` it is no key of a file.
+    """Declare a field of a table, and a key of files from spec `since` on. Without `help` it is not a key of files.
 
     `constraint`: None if it is the table of the annotation. `more`: as of `dataclasses.field`, e.g. `default`.
     """
@@ -28,7 +28,7 @@ def key(constraint: Constraint | None = None, help: str = "", *, since: int = 1,
 
 
 class Field(NamedTuple):
-    """A field of a table as it was declared. `since`: the spec of the first files that have it, 0 if it is no key."""
+    """A declared field of a table. `since`: the first spec that has it; 0: it is not a key of files."""
 
     constraint: Constraint
     help: str
@@ -39,11 +39,11 @@ class Field(NamedTuple):
 
 
 class Given(SimpleNamespace):
-    """A table of a file that is not valid as a whole: its fields, None where they are wrong. `mapping`: the file's."""
+    """A table of a file that is not wholly valid: its fields, None where wrong. `mapping`: the file's."""
 
 
 class OtherKeys(NamedTuple):
-    """Keys of a mapping that are not declared: their `names`, what is wrong with them, or else the field `options`."""
+    """Keys of a mapping that are not declared: their `names`, and their mistakes or the field `options`."""
 
     names: Collection[str] = ()
     options: Any = None
@@ -59,7 +59,7 @@ class Table:
     """
 
     __table__: ClassVar[dict[str, Field]]
-    """All fields, also those that are keys of a file alone, and those that are none."""
+    """All fields, also those of files alone and those of Python alone."""
     __defaults__: ClassVar[dict[str, Any]]
     """The default of each field, None without one."""
     __required__: ClassVar[list[str]]
@@ -85,7 +85,7 @@ class Table:
 
     @classmethod
     def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
-        """Reads keys of a file's mapping that are not declared."""
+        """Read the keys of a file's mapping that are not declared."""
         return OtherKeys()
 
     @classmethod
@@ -94,7 +94,7 @@ class Table:
         return {}
 
     def file_keys(self) -> Mapping[str, Any]:
-        """Return the keys of a file that are not as in Python."""
+        """Return the keys that differ between a file and Python."""
         return {}
 
 
@@ -124,7 +124,7 @@ def _constraints(cls: Any, spec: int) -> dict[str, Constraint]:
 
 
 def newer_keys(value: Any) -> set[str]:
-    """Return the keys of a table, and of tables in it, that spec 1 does not have and that are not the default."""
+    """Return the keys of a table, and of tables in it, that are not in spec 1 and do not have the default value."""
     found = set()
     cls: Any = type(value)
     for name, one in keys(cls).items() if is_table(value) else ():
@@ -155,7 +155,7 @@ def _check(self: Any, *init_vars: Any) -> None:
 
 
 def _made(cls: Any, values: Mapping[str, Any]) -> Any:
-    """Make a table of values that are checked."""
+    """Make a table of checked values."""
     made, for_file = object.__new__(cls), []
     for name, one in cls.__table__.items():
         value = values.get(name, one.default)
@@ -169,7 +169,7 @@ def _made(cls: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _described(violation: Violation, value: Any) -> Violation:
-    """Return a violation of values of Python, with what was found."""
+    """Return a violation in Python, with the value that was found."""
     for step in violation.path if violation.found is None else ():
         value = getattr(value, str(step)) if is_table(value) else value[step]
     return replace(violation, found=violation.found or short(repr(value)))
@@ -240,7 +240,7 @@ def _is_word(constraint: Constraint, value: Any) -> bool:
 
 
 def _json_default(one: Field) -> dict[str, Any]:
-    """Return the default of a key, if a file can have it as it is."""
+    """Return the default of a key, if a file can contain it."""
     if isinstance(one.default, tuple) and all(isinstance(item, int | float) for item in one.default):
         return {} if isinstance(one.constraint, TableOf) else {"default": list(one.default)}
     return {"default": one.default} if isinstance(one.default, str | int | float) else {}
@@ -310,7 +310,7 @@ def valid_value(cls: Any, mapping: Mapping[str, Any], key: str) -> Any:
 
 
 def lacks(of: Any, key: str) -> bool:
-    """Return True if a table, or what is `Given` of one, lacks a key; a wrong value counts as given."""
+    """Return True if a table, or a `Given` part of one, lacks a key; a wrong value counts as present."""
     return getattr(of, key) is None and not (isinstance(of, Given) and key in of.mapping)
 
 

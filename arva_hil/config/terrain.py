@@ -1,4 +1,4 @@
-"""The terrain of a scenario: an ESRI ASCII grid of heights, as GDAL and others write it, or the autopilot's data."""
+"""The terrain of a scenario: an ESRI ASCII grid of heights, as of GDAL, or the autopilot's data."""
 
 import functools
 import math
@@ -79,7 +79,7 @@ def load_grid(path: str) -> "TerrainGrid":
     try:
         of = os.stat(path)
     except (OSError, ValueError):
-        return parse_grid(_text(path), path)  # which says why not
+        return parse_grid(_text(path), path)  # for its message
     return _loaded(path, of.st_mtime_ns, of.st_size)
 
 

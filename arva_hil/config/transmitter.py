@@ -1,4 +1,4 @@
-"""The transmitters of a scenario: where each is and how it sends, what lies between, and what the vehicle adds."""
+"""The transmitters of a scenario, their keying, the medium, and the noise of the vehicle."""
 
 from collections.abc import Iterator
 from dataclasses import InitVar
@@ -32,20 +32,20 @@ def _seconds(low: float, high: float) -> Number:
 
 
 class KeyingOptions(Table):
-    """The times at which a transmitter sends. None is drawn from its class, by the scenario's seed and its id.
+    """The times at which a transmitter sends. Values that are None are drawn by its class, the seed and its id.
 
-    Raises ValueError for contradictory times: no pause behind a pulse, or a jitter of a twelfth of it.
+    Raises ValueError for a period without a pause, or a jitter of a twelfth of the pause or more.
     """
 
-    kind: KeyingKind = key(Word(get_args(KeyingKind)), "the class of sets it is of", default="modern")
-    period_s: float | None = key(_seconds(0.05, 60), "from pulse to pulse; without it one of the class", default=None)
-    pulse_s: float | None = key(_seconds(0.001, 10), "length; without it that of the class", default=None)
+    kind: KeyingKind = key(Word(get_args(KeyingKind)), "the class of transmitter", default="modern")
+    period_s: float | None = key(_seconds(0.05, 60), "from pulse to pulse; default: drawn by the class", default=None)
+    pulse_s: float | None = key(_seconds(0.001, 10), "length of a pulse; default: the class's", default=None)
     phase_s: float | None = key(
-        _seconds(0, 60), "start of a pulse, from the start of the run; without it random", default=None
+        _seconds(0, 60), "start of a pulse, from the start of the run; default: random", default=None
     )
     jitter_s: float | None = key(_seconds(0, 1), "standard deviation of each pulse's start", default=None)
     carrier_hz: float | None = key(
-        Number(-1000, 1000, unit="Hz"), "offset from 457 kHz; without it one of the class", default=None
+        Number(-1000, 1000, unit="Hz"), "offset from 457 kHz; default: drawn by the class", default=None
     )
     leak_db: float | None = key(Number(-200, 0, unit="dB"), "carrier in the pauses, relative to a pulse", default=None)
     from_s: float | None = key(
@@ -88,9 +88,9 @@ class MediumOptions(Table):
         Word(get_args(DipoleKind)), "the near field alone, or with induction and radiation", default="static"
     )
     snow_conductivity_s_m: float = key(
-        _CONDUCTIVITY, "of what covers them: dry snow 1e-5, wet 1e-4, moist soil 1e-2", default=0.0
+        _CONDUCTIVITY, "conductivity: dry snow 1e-5, wet 1e-4, moist soil 1e-2", default=0.0
     )
-    snow_permittivity: float = key(Number(1, 100), "of that, relative: dry snow 1.8, wet 3", default=1.8)
+    snow_permittivity: float = key(Number(1, 100), "relative permittivity: dry snow 1.8, wet 3", default=1.8)
     surface_m: float = key(_SURFACE, "its surface, down from the datum", default=0.0)
 
 
@@ -102,7 +102,7 @@ class VehicleNoiseOptions(Table):
     line_na_m: float = key(_NOISE, "of one controller's harmonic in the band, 0.5 m away, always", default=0.0)
     full_current_a: float | None = key(
         Number(0, 10_000, above=True, unit="A"),
-        "of all motors at full throttle; then their load is what current they draw",
+        "of all motors at full throttle; their load is then computed from their current",
         default=None,
     )
 
@@ -136,10 +136,10 @@ _WAYPOINTS: Final = ListOf(_WAYPOINT, 1, 10_000, "waypoints", unit="s, m, m, m")
 class Path(Table, required="frame points"):
     """Timed waypoints with straight lines between them.
 
-    `points_ned`: (s, north, east, down in metres from the datum) each. The times count from the start of the run and
-    rise. `end`: after the last point the transmitter stays there, or starts again at the first.
+    `points_ned`: (s, north, east, down in metres from the datum) each. The times count from the start of the run, and
+    increase. `end`: after the last point the transmitter stays there, or starts again at the first.
 
-    A file has `frame` and `points` instead. Raises ValueError without points, or if the times do not rise.
+    A file has `frame` and `points` instead. Raises ValueError without points, or if the times do not increase.
     """
 
     points_ned: tuple[Waypoint, ...] = key(_WAYPOINTS, default=())
@@ -147,7 +147,7 @@ class Path(Table, required="frame points"):
     points: InitVar[tuple[Waypoint, ...] | None] = key(
         _WAYPOINTS, "[t, x, y, z] each, in time; straight between them", default=None, kw_only=True
     )
-    end: End = key(Word(get_args(End)), "what comes behind the last point", default="stay")
+    end: End = key(Word(get_args(End)), "after the last point", default="stay")
 
     def __post_init__(self, frame: Frame | None, points: tuple[Waypoint, ...] | None) -> None:
         if points is not None:
@@ -202,12 +202,12 @@ class Transmitter(Table, one_of="enu ned lla path follows"):
     lla: Lla | None = key(_LLA, "latitude, longitude, altitude AMSL", default=None)
     attitude: Triple = key(Attitude(), "FRD to NED; the dipole is the x axis", default=(0.0, 0.0, 0.0))
     strength: float = key(STRENGTH, "relative to the reference transmitter", default=1.0)
-    path: Path | None = key(help="where it is when", since=2, default=None)
-    follows: Follows | None = key(help="which vehicle carries it", since=2, default=None)
-    keying: KeyingOptions | None = key(help="when it sends; only receivers of pulses care", since=2, default=None)
-    depth_m: float | None = key(_DEPTH, "below the ground there; its place has the height 0", since=2, default=None)
+    path: Path | None = key(help="timed waypoints", since=2, default=None)
+    follows: Follows | None = key(help="the vehicle that carries it", since=2, default=None)
+    keying: KeyingOptions | None = key(help="when it sends; only for the model `pulsed`", since=2, default=None)
+    depth_m: float | None = key(_DEPTH, "depth below the ground; its place has the height 0", since=2, default=None)
     profile: InitVar[str | None] = key(
-        PROFILE, "a file whose keys it takes over, or builtin:NAME", since=2, default=None, kw_only=True
+        PROFILE, "the file with default keys, or builtin:NAME", since=2, default=None, kw_only=True
     )
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Additions of `spec: 2` around the receiver: the error of the autopilot's estimate, several vehicles and receivers."""
+"""Additions of `spec: 2`: the error of the autopilot's estimate, several vehicles and receivers."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import InitVar, fields
@@ -19,25 +19,28 @@ _BIAS: Final = Numbers(*[Number(-10_000, 10_000, unit="m")] * 3, names="north, e
 
 
 class RandomWalk(Table):
-    """A random walk that keeps coming back (Gauss-Markov), on each axis."""
+    """A random walk about 0 (Gauss-Markov), on each axis."""
 
     sigma_m: float = key(_SIGMA, "standard deviation on each axis", default=0.0)
-    tau_s: float = key(_TAU, "how long it remembers", default=60.0)
+    tau_s: float = key(_TAU, "correlation time", default=60.0)
 
 
 class NavigationError(Table):
     """The difference of the vehicle's true pose from the reported one: true pose = reported pose + this.
 
-    `bias_ned` in metres; a random walk of `walk_sigma_m` on each axis that forgets in `walk_tau_s`; `heading_deg` is
-    added to the yaw; the pose reported is `latency_s` old. A file has the two of the walk in a mapping `walk`.
+    - `bias_ned`: metres.
+    - `walk_sigma_m`, `walk_tau_s`: standard deviation on each axis and correlation time of a random walk; a file has
+      them in a mapping `walk`.
+    - `heading_deg`: added to the yaw.
+    - `latency_s`: age of the reported pose.
     """
 
     bias_ned: Triple = key(_BIAS, "north, east, down", default=(0.0, 0.0, 0.0))
-    walk: InitVar[RandomWalk | None] = key(help="a wandering estimate", default=None, kw_only=True)
+    walk: InitVar[RandomWalk | None] = key(help="a random walk", default=None, kw_only=True)
     walk_sigma_m: float = key(_SIGMA, default=RandomWalk.sigma_m)
     walk_tau_s: float = key(_TAU, default=RandomWalk.tau_s)
     heading_deg: float = key(Number(-180, 180, unit="°"), "added to the yaw", default=0.0)
-    latency_s: float = key(Number(0, 10, unit="s"), "how old the reported pose is", default=0.0)
+    latency_s: float = key(Number(0, 10, unit="s"), "age of the reported pose", default=0.0)
 
     def __post_init__(self, walk: RandomWalk | None) -> None:
         if walk is not None:
@@ -53,11 +56,13 @@ class ReceiverEntry(ReceiverOptions):
     """One receiver of a vehicle as a file has it: its own keys beside those of `receiver`."""
 
     name: str = key(_NAME, "unlike the vehicle's other receivers", kw_only=True)
-    port: str | None = key(_LINK, "where its frames go, if not over the autopilot's link", default=None, kw_only=True)
+    port: str | None = key(
+        _LINK, "connection string for its frames; none for formats inside MAVLink", default=None, kw_only=True
+    )
     format: str = key(FORMAT, "of its frames", default="binary", kw_only=True)
     seed: int = key(
         SEED,
-        "of its noise and faults; without it the scenario's plus the number of receivers before it",
+        "of its noise and faults; default: the scenario's plus the number of receivers before it",
         default=1,
         kw_only=True,
     )
@@ -65,7 +70,7 @@ class ReceiverEntry(ReceiverOptions):
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
         yield from super().conflicts(of)
-        if of.format is None:  # a wrong value, which is reported
+        if of.format is None:  # a wrong value, already reported
             return
         if over_mavlink(of.format) and not lacks(of, "port"):
             expected = "none, because they go over the autopilot's own link"
@@ -79,7 +84,7 @@ class ReceiverConfig(Table):
 
     `port`: the link of its frames; None: the autopilot's link. `output_format`: the format of the frames.
 
-    Raises ValueError for a format that needs a port and has none, or has one without need.
+    Raises ValueError for a missing port, or a port that the format does not use.
     """
 
     name: str = key(_NAME)
@@ -95,7 +100,7 @@ class ReceiverConfig(Table):
 
 
 class _Receiver(TableOf):
-    """In a file an entry with all keys, in Python what it means."""
+    """A ReceiverEntry in a file, a ReceiverConfig in Python."""
 
     def read(self, value: Any) -> ReceiverConfig:
         if isinstance(value, ReceiverConfig):
@@ -134,7 +139,7 @@ def vehicle_conflicts(vehicles: Sequence[tuple[tuple[str | int, ...], Any]]) -> 
         by_link.setdefault(vehicle.autopilot, []).append((path, vehicle))
         receivers = [((*path, *at), receiver) for at, receiver in items_of(vehicle, "receivers")]
         yield from duplicates(receivers, "name", "receiver")
-        ports += [one for one in receivers if one[1].port != "pty"]  # each is a new one
+        ports += [one for one in receivers if one[1].port != "pty"]  # each `pty` is a new one
     yield from duplicates(ports, "port", "port")
     for shared in by_link.values():
         for path, vehicle in shared if len(shared) > 1 else ():
