@@ -26,7 +26,7 @@ class LinkError(ArvaError):
 
 
 class Absent(LinkError):
-    """A link cannot be opened because its far end is not there, or not there yet."""
+    """A link cannot be opened because its far end does not exist, or not yet."""
 
 
 class LinkEnded(LinkError):
@@ -95,7 +95,7 @@ class Link(ABC):
         """
 
     def pin(self) -> None:  # noqa: B027
-        """Keep the peer for ever: other senders are not read, and a peer that leaves is not replaced."""
+        """Keep the peer: other senders are not read, and a peer that leaves is not replaced."""
 
     @abstractmethod
     def close(self) -> None:

@@ -111,7 +111,7 @@ class PtyLink(FdLink):
         try:
             if symlink:
                 self._inode = make_symlink(symlink, self.path, self._slave)
-                # once: at the close, or when a signal came before anybody had this link
+                # once: by `close`, or if a signal came before the link was returned
                 self._unlink = weakref.finalize(self, _remove, symlink, self.path, self._inode)
                 self.symlink = symlink
         except BaseException:  # also a signal, at any line above

@@ -50,7 +50,7 @@ class ReconnectingLink(Link):
         wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         self._link: Link | None = None
-        self._awaited = isinstance(link, LinkError)  # it was never there
+        self._awaited = isinstance(link, LinkError)  # it has never been open
         if isinstance(link, LinkError):
             self.name, self.why = link.link, str(link)
         else:

@@ -38,7 +38,7 @@ def open_serial(device: str, baud: int = 115200, *, brief: bool = False) -> Link
         raise Absent(device, what, "" if brief else "the program that made this symlink has ended: start it again")
     try:
         port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
-    except Exception as error:  # OSError, ValueError, termios.error, whatever pyserial lets through
+    except Exception as error:  # OSError, ValueError, termios.error: pyserial passes many kinds on
         raise (LinkError(device, f"cannot be opened: {error}") if brief else _open_error(device, error)) from error
     if sys.platform == "win32":
         return PyserialLink(device, port)

@@ -1,4 +1,4 @@
-"""Serial ports: lists them, finds those of autopilots, and opens a lost one again."""
+"""Serial ports: the list of them, those of autopilots, and the reopening of a lost one."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _is_autopilot(info: ListPortInfo) -> bool:
 
 
 def _natural(name: str) -> list[str | int]:
-    """Sorts ttyUSB2 before ttyUSB10."""
+    """Return a sort key that puts ttyUSB2 before ttyUSB10."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", name)]
 
 
@@ -150,7 +150,7 @@ class SerialOpener:
             raise
 
     def _open(self, *, brief: bool) -> Link:
-        if self._program and not os.path.exists(self.path):  # saves the search for its program
+        if self._program and not os.path.exists(self.path):  # do not search for its program
             raise LinkError(self.path, "no such port")
         if self._program is not None and (other := far_program(self.path)) != self._program:
             whose = f": {other[:60]}" if other else ""

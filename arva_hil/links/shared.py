@@ -1,4 +1,4 @@
-"""One link for several users in the same program, each of whom reads all of it and follows a sender of its own."""
+"""One link for several users in the same program. Each reads all bytes and follows a sender of its own."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SharedLink:
         return user
 
     def take_in(self) -> None:
-        """Hand what has come to all users. Raises LinkError if the link is lost."""
+        """Pass the bytes that have come to all users. Raises LinkError if the link is lost."""
         for sender, data in self.link.receive():
             for user in self._users:
                 user.put(sender, data)
@@ -34,7 +34,7 @@ class SharedLink:
 
 
 class LinkUser(Link):
-    """The link as one of its users has it. Writes go to every sender on the link: what is in them has addresses.
+    """One user's view of the link. Writes go to every sender on the link: the packets in them have addresses.
 
     After `pin` only the peer that was followed then is read.
     """

@@ -20,7 +20,7 @@ _ASK_S: Final = 0.1  # time between calls of `give_up`
 
 
 class ReaderGone(LinkError):
-    """No program reads the pipe any more. The program should end, but this is not a fault."""
+    """No program reads the pipe any more. The program should end without an error."""
 
 
 class StdoutLink(Link):
@@ -61,7 +61,7 @@ class StdoutLink(Link):
             raise ReaderGone(self.name, "the reader of this pipe went away") from error
         except OSError as error:
             written = len(data) - len(left)
-            with contextlib.suppress(OSError, ValueError):  # the first part of a write that did not fit is removed
+            with contextlib.suppress(OSError, ValueError):  # remove the first part of a write that did not fit
                 if written and self._file.tell() == os.fstat(self._file.fileno()).st_size:
                     self._file.truncate(self._file.tell() - written)
             raise LinkError(self.name, f"cannot be written: {error.strerror or error}") from error

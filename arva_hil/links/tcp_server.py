@@ -74,7 +74,7 @@ class TcpServerLink(SeveralSenders):
                     self._leave(sender, error)
                 else:
                     if client.full_for(self._clock.now()) > FULL_S:
-                        self._leave(sender, LinkError(self.name, f"lost: has taken nothing for {FULL_S:g} s"))
+                        self._leave(sender, LinkError(self.name, f"lost: it has accepted nothing for {FULL_S:g} s"))
         self.dropped += not taken
         return taken
 
@@ -98,7 +98,7 @@ class TcpServerLink(SeveralSenders):
         except LinkError as error:
             if isinstance(error.__cause__, EndOfStream) and not client.spoke:
                 client.mute = True
-                self._selector.unregister(client.sock)  # it has nothing to say, and would always be ready
+                self._selector.unregister(client.sock)  # it sends nothing more, and would always be ready
             else:
                 self._leave(sender, error)
             return b""

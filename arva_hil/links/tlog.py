@@ -19,7 +19,7 @@ from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.links.url import Address
 
 _CHUNK: Final = 65536
-_record: Final = partial(tuple.__new__, Record)  # from the tuple of its fields, in a third of the time
+_record: Final = partial(tuple.__new__, Record)  # three times faster than the class
 _AHEAD: Final = 4 * LONGEST  # bytes kept in the buffer: a record and those needed to judge it
 
 
@@ -100,7 +100,7 @@ class TlogReader(Iterable[Record]):
                 following = look(buffer, end, layout)
                 if (last is not None and -DAY_US <= time_us - last <= DAY_US) or follows(last, time_us, layout):
                     good = (following[0] and -DAY_US <= following[1] - time_us <= DAY_US) or end == size
-                    if not good and in_step and end < size:  # garbage follows, or this record was cut by another
+                    if not good and in_step and end < size:  # garbage follows, or another record cut this one
                         good = find(buffer, at + 1, end, self.last_us, layout) is None
                 else:
                     good = is_step(buffer, at, self.last_us if in_step else None, layout)

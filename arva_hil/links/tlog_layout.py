@@ -96,7 +96,7 @@ def layout_of(start: bytes) -> TlogLayout:
         return BIG
     if _covered(start, LITTLE) > (big := _covered(start, BIG)):
         return LITTLE
-    return BARE if not big and _covered(start, BARE) > len(start) / 2 else BIG  # any data contain packets by chance
+    return BARE if not big and _covered(start, BARE) > len(start) / 2 else BIG  # any data contains packets by chance
 
 
 def _row(buffer: bytes, at: int, layout: TlogLayout) -> int:

@@ -1,4 +1,4 @@
-"""The times of a log without the steps of its clock. Where the clock was set, the vehicles' clocks are used.
+"""The times of a log without the steps of its clock. At a step, the vehicles' clocks are used.
 
 This module knows only that three messages begin with `time_boot_ms`, milliseconds since the vehicle was
 switched on: https://mavlink.io/en/messages/common.html#ATTITUDE

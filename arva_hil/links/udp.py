@@ -11,7 +11,7 @@ from arva_hil.links.base import AT_ONCE, CHUNK, Link, LinkError, Opening, Sender
 from arva_hil.links.tcp import listen_error, resolve
 from arva_hil.links.url import Address, show
 
-_WAITING_BYTES: Final = 1 << 20  # kept by the system, if it may, while the program is held up; a fleet sends much
+_WAITING_BYTES: Final = 1 << 20  # buffer of the system while the program is busy; a fleet sends much
 _MOST_SENDERS: Final = 8  # that get each write while there is no peer
 
 

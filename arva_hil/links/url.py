@@ -1,4 +1,4 @@
-"""Connection strings: `parse` turns one into an `Address`, or says what is wrong with it."""
+"""Connection strings: `parse` makes an `Address` of one, or raises an error with the cure."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def parse(text: str) -> Address:
 
 
 def _split_scheme(text: str) -> tuple[str, str]:
-    """('udpin', 'host:port') of both udpin:host:port and udpin://host:port; ('', text) without a scheme."""
+    """Return ('udpin', 'host:port') for udpin:host:port and udpin://host:port; ('', text) without a scheme."""
     match = re.fullmatch(_SCHEME, text)
     if not match or re.fullmatch(_DEVICE, match[1]):
         return "", text

@@ -61,7 +61,7 @@ class Encoder:
         return _without_extensions(raw, msgid) if first else raw
 
     def _packed(self, message: Message, *, first: bool) -> bytes:
-        """Encoded by pymavlink, in three times the time: as MAVLink 1 (`first`), signed, or with text."""
+        """Return a packet by pymavlink, in three times the time: as MAVLink 1 (`first`), signed, or with text."""
         signing, self._codec.srcSystem = self._codec.signing, self.system
         if self._signing and not first:
             signing.timestamp = self._signing.stamp()

@@ -81,7 +81,7 @@ def command(system: int, component: int, number: int, *params: float) -> Any:
 
 
 def tunnel(kind: int, payload: bytes, system: int = 0, component: int = 0) -> Any:
-    """Return the TUNNEL with a payload of at most 128 bytes, of the type `kind`; to all systems without a target."""
+    """Return the TUNNEL with a payload of at most 128 bytes, of the type `kind`. Without a target: to all systems."""
     return ardupilotmega.MAVLink_tunnel_message(system, component, kind, len(payload), [*payload.ljust(128, b"\0")])
 
 
@@ -110,8 +110,8 @@ def length_v1(msgid: int) -> int:
 class Layout:
     """The layout of a kind of message without text: its struct, and the attributes in the order of the payload.
 
-    Messages are of a subclass of pymavlink's class. The header and ten more values that its constructor makes for each
-    message, and that are not used, are shared by all: a message takes half of the time.
+    Messages are of a subclass of pymavlink's class. All share one header and ten more values, which pymavlink's
+    constructor makes for each message and which are not used: so a message takes half of the time.
     """
 
     def __init__(self, msgid: int) -> None:
@@ -171,7 +171,7 @@ def constructor(msgid: int) -> Callable[..., Any]:
 
 
 CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in ardupilotmega.mavlink_map.items()}
-_CODEC: Final = ardupilotmega.MAVLink(None)  # decodes what has text in it; without a key it remembers nothing
+_CODEC: Final = ardupilotmega.MAVLink(None)  # for messages with text; without a key it has no state
 
 
 def decode(packet: Packet) -> Message | None:

@@ -24,7 +24,7 @@ _SIGNED: Final = 0x01  # the only known incompatibility flag; a packet with anot
 _SIGNATURE_BYTES: Final = 13
 _HEAD_V2: Final = struct.Struct("<BBBxxBBI")  # magic, length, incompatibility flags, ids, message id and one more byte
 _HEAD_V2_BYTES: Final = _HEAD_V2.size
-_head, _extra, _checksum = _HEAD_V2.unpack_from, CRC_EXTRA.get, crc16.mcrf4xx  # found once, not for each packet
+_head, _extra, _checksum = _HEAD_V2.unpack_from, CRC_EXTRA.get, crc16.mcrf4xx  # looked up once, not for each packet
 _MOST_RESTS: Final = 8  # senders of which a part of a packet is kept
 
 
