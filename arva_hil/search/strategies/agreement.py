@@ -1,8 +1,8 @@
 """Checks that the readings agree with the place found: the last check of a search with any strategy.
 
-Dipoles are fitted to the readings, anywhere, under each cause that may be wrong with them: late readings, places that
-drift, an antenna that is dead, loud electronics. The place is a transmitter's if one near it explains them far better
-than any elsewhere, under whatever cause, and explains nearly all of them.
+Dipoles are fitted to the readings, anywhere, under each possible cause of errors: late readings, places that drift, a
+dead antenna, loud electronics. The readings agree with a place if a dipole near it explains nearly all of them, and far
+better than any dipole elsewhere under any cause.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from arva_hil.search.strategies import dipole
 from arva_hil.search.strategies.history import OUTLIERS, ROUGH_M, ROUGHLY, Explanation, History
 from arva_hil.search.strategies.strategy import Observation
 
-_STEP_M: Final = 0.4  # flown between two readings that are kept,
-_STEP_S: Final = 1.0  # or the time
-_DOWN_M: Final = 0.5  # of dipoles to begin with, below the ground
-_TURNS: Final = 3  # and their moments' directions: level ones within half a turn, and down; m and −m sound alike
-_NEAR_M: Final = 2.5  # so near to the place is there
+_STEP_M: Final = 0.4  # keep a reading after this distance
+_STEP_S: Final = 1.0  # or after this time
+_DOWN_M: Final = 0.5  # depth of the initial dipoles below the ground
+_TURNS: Final = 3  # directions of their moments: level ones within half a turn, and down; m and −m give equal readings
+_NEAR_M: Final = 2.5  # a dipole within this distance is at the place
 
-_UNEXPLAINED_M: Final = 1.2  # at most
-_DEEPEST_M: Final = 8.0  # under the ground
-_STRONGEST: Final = 4.0  # times the reference transmitter's moment, or that part of it
-_BETTER: Final = 6.0  # there than elsewhere: more likely by e^6
-_SIGMA_M: Final = 1.2  # of the place, at most
-_FINE_M: Final = 0.2  # an error of the receiver's place that is no surprise
-_NEWEST: Final = 0.4  # of the newest readings, at most, may be outliers
+_UNEXPLAINED_M: Final = 1.2  # largest error of the receiver's places
+_DEEPEST_M: Final = 8.0  # largest depth below the ground
+_STRONGEST: Final = 4.0  # largest moment, in reference transmitters; the smallest is its inverse
+_BETTER: Final = 6.0  # least advantage of the place: more likely by e^6
+_SIGMA_M: Final = 1.2  # largest sigma of the place
+_FINE_M: Final = 0.2  # a usual error of the receiver's place
+_NEWEST: Final = 0.4  # largest share of outliers among the newest readings
 _NEWEST_S: Final = 10.0
-_KNOWN_M: Final = 0.1  # error of the receiver's place, at least, for the check
-_CAUTION: Final = 2.0  # times its sigma: readings are less independent than in the fit
-_SINCE: Final = 0.3  # of a drift: what it is more since then
+_KNOWN_M: Final = 0.1  # least error of the receiver's place in the check
+_CAUTION: Final = 2.0  # factor of sigma: readings are less independent than in the fit
+_SINCE: Final = 0.3  # share of a drift that may have been added since the fit
 _CONTRADICTS: Final = 4.0  # variances: larger deviations contradict a place reported before
 
 Array = NDArray[np.float64]
@@ -44,19 +44,19 @@ Array = NDArray[np.float64]
 class Judgement(NamedTuple):
     """The agreement of a transmitter at a place with the readings."""
 
-    unexplained_m: float  # how far off the receiver's own places are
-    below_m: float  # how far it lies below the lowest of them,
-    depth_m: float | None  # and below the ground, if that is known
-    strength: float  # of the reference transmitter's moment
-    better: float  # the logarithm of how much more likely it is there than elsewhere
-    sigma_m: float  # of the place, whatever the cause
-    outliers: float  # share of the readings that it does not explain,
-    newest: float  # and of the newest ones
+    unexplained_m: float  # error of the receiver's places
+    below_m: float  # depth of the transmitter below the lowest of those places
+    depth_m: float | None  # depth below the ground, if that is known
+    strength: float  # moment, in reference transmitters
+    better: float  # log-likelihood of the place over that of the best place elsewhere
+    sigma_m: float  # of the place, under all causes
+    outliers: float  # share of the readings that are not explained
+    newest: float  # the same of the newest readings
     covariance: tuple[float, float, float]  # of north and east about the place, as in `Found`
     there: Explanation  # the best one near the place
 
     def agrees(self, height_m: float) -> bool:
-        """Return True if it is plausible; the receiver was flown at that height."""
+        """Return True if the place is plausible for a receiver that was flown at `height_m`."""
         depth_m = self.below_m - height_m if self.depth_m is None else self.depth_m
         buried = depth_m < _DEEPEST_M and 1 / _STRONGEST < self.strength < _STRONGEST
         fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < OUTLIERS and self.newest < _NEWEST
@@ -115,7 +115,7 @@ def beginning(place: tuple[float, float], history: History) -> Array:
 
 
 def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> Judgement | None:
-    """Judge a transmitter at a place by what may explain the readings; None if nothing near it does."""
+    """Judge a transmitter at a place by the explanations of the readings; None if no explanation is near it."""
     there: Explanation | None = None
     here = elsewhere = math.inf
     nears = []
@@ -133,7 +133,7 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     placed.at = o.at - there.best.drift
     strength = float(np.linalg.norm(x[3:6])) / dipole.MOMENT
     if there.cause.drift_m:
-        strength = math.sqrt(strength)  # where heights drift, it is less known
+        strength = math.sqrt(strength)  # if heights drift, the strength is less certain
     likely = [(math.exp(here - one.cost), one.best) for one in nears]
     spread = sum(share * float(np.linalg.eigvalsh(fit.covariance[:2, :2])[1]) for share, fit in likely)
     sigma = math.sqrt(spread / sum(share for share, _ in likely))

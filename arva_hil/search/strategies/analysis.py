@@ -1,4 +1,4 @@
-"""Everything of a search that may take long to compute: the strategy, and the check of the places that it finds.
+"""The slow computations of a search: the strategy, and the check of the places that it finds.
 
 The answers of a strategy are checked before they are flown; its errors are reported with the cure.
 
@@ -28,8 +28,8 @@ from arva_hil.search.strategies.strategy import Belief, Covariance, Found, Obser
 
 _REMEMBERED: Final = 256  # observations of each transmitter
 _NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
-_LEAST, _NEWEST = 4, 20  # least and largest number of them; the least may be older
-_BESIDE_M: Final = 0.5  # least distance of them: nearer the field is no dipole's
+_LEAST, _NEWEST = 4, 20  # least and largest number of these readings; the least may be older
+_BESIDE_M: Final = 0.5  # least distance of these readings: nearer the field is not that of a dipole
 _MOST_HYPOTHESES: Final = 64  # of an estimate
 _CURE: Final = "fix the error, and fly it in arva-hil demo first"
 _AT_A_TIME: Final = 32  # readings of the past that a new strategy gets in one batch
@@ -86,8 +86,8 @@ class TransmitterReadings:
 class Analysis:
     """The readings of all transmitters, and the strategy that flies to one of them.
 
-    `make` makes a strategy. `at_once`: a batch leaves nothing to be done. Otherwise a place is judged in the batch
-    after the one that finds it, and a new strategy gets the past in several batches, so that no answer takes long.
+    `make` makes a strategy. `at_once`: each batch completes its work. Otherwise a place is judged in the batch after
+    the one that finds it, and a new strategy gets earlier readings in several batches, so that no answer takes long.
     """
 
     def __init__(self, make: Callable[[], Strategy], *, at_once: bool) -> None:
@@ -163,7 +163,7 @@ class Analysis:
 
     def _observe(self, o: Observation) -> None:
         strategy: Any = self._strategy
-        (strategy.hear if hasattr(strategy, "hear") else strategy.observe)(o)  # `hear`: its old name
+        (strategy.hear if hasattr(strategy, "hear") else strategy.observe)(o)  # `hear`: the old name of `observe`
 
     def _replay(self, most: int) -> None:
         for _ in range(min(most, len(self._unheard))):
@@ -185,10 +185,10 @@ class Worker(Protocol):
     """Follows orders somewhere."""
 
     def send(self, orders: Sequence[Order]) -> None:
-        """Send a batch. The batch before it has been answered."""
+        """Send a batch. The previous batch must have been answered."""
 
     def receive(self) -> AnalysisResult | None:
-        """Return the answer to the batch, None before it is there. It does not wait."""
+        """Return the answer to the batch, None before it has come. Does not wait."""
 
     @property
     def starved_s(self) -> float:
@@ -252,7 +252,7 @@ def silent(took_s: float) -> str:
 
 
 def killed(exit_code: int | None) -> str:
-    """Return the outcome of a search whose strategy has ended its own process, or was killed in it by a signal."""
+    """Return the outcome of a search whose strategy process has ended or was killed by a signal."""
     why = f"signal {-exit_code}" if exit_code and exit_code < 0 else f"exit code {exit_code}"
     return f"the strategy has failed: its process has ended ({why}); {_CURE}"
 

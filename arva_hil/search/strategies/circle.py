@@ -9,13 +9,13 @@ from arva_hil.search.strategies.strategy import Position, Velocity, towards
 
 RADIUS_M: Final = 1.5
 _TURN: Final = 0.8  # rad/s, at most
-_AHEAD: Final = 0.7  # rad: the goal before the vehicle
-_ENOUGH: Final = 5.6  # rad flown: from all sides,
-_READINGS: Final = 6  # and read on it, at least
+_AHEAD: Final = 0.7  # rad: lead of the goal over the vehicle
+_ENOUGH: Final = 5.6  # rad to fly, so that readings come from all sides
+_READINGS: Final = 6  # least number of readings on the circle
 
 
 class Circle:
-    """Remembers how far round it is, and how much was read. `centre`: north, east [m]."""
+    """Remembers the angle flown and the number of readings. `centre`: north, east [m]."""
 
     def __init__(self, centre: tuple[float, float], position: Position) -> None:
         self.centre = centre

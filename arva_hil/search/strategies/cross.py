@@ -1,4 +1,4 @@
-"""The rescuers' cross for the last metres: along one axis to the middle of the low values of d, then across."""
+"""The rescuers' cross for the last metres: along one axis to the middle of the lowest d, then across."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Final
 
 from arva_hil.search.strategies.strategy import Position
 
-_LOW: Final = 1.3  # times the least d: where d is low
-_REACH: Final = 0.7  # times the least d: how far past that an arm goes, so that no false minimum ends it
-_SHORTEST_M: Final = 1.5  # of such a reach
+_LOW: Final = 1.3  # d is low below this multiple of the least d
+_REACH: Final = 0.7  # reach past the low part, in multiples of the least d: no false minimum ends an arm
+_SHORTEST_M: Final = 1.5  # shortest reach
 _TOGETHER_S: Final = 0.4  # average readings within this time: fifty a second are too many
-_AT_M: Final = 0.5  # so close to a place is there
-_SETTLED_M: Final = 0.5  # a middle that moved less stays
+_AT_M: Final = 0.5  # a goal is reached within this distance
+_SETTLED_M: Final = 0.5  # a middle that moved less has settled
 _MOST_ARMS: Final = 8
 
 Place = tuple[float, float]  # north, east; m
@@ -24,8 +24,8 @@ Reading = tuple[float, float]  # along the arm, m; power of the field, d⁻⁶: 
 class Cross:
     """Remembers the present arm, an axis through the middle of the last one, and the readings along it.
 
-    An arm goes from `centre` in both directions until d is not low any more, plus a reach. Its middle is the next
-    centre. `settled`: the centre has stayed. `course`: of the first arm [rad from north].
+    An arm goes from `centre` in both directions until d is no longer low, plus a reach. Its middle is the next
+    centre. `settled`: the centre does not move any more. `course`: of the first arm [rad from north].
     """
 
     def __init__(self, centre: Place, course: float) -> None:
@@ -64,7 +64,7 @@ class Cross:
         return self.centre[0] + along * c, self.centre[1] + along * s
 
     def _judge(self) -> None:
-        """Decide how the arm goes on, or that it is complete."""
+        """Extend the arm, or complete it."""
         most = max(power for _, power in self._heard)
         low = [along for along, power in self._heard if power >= most * _LOW**-6] if most else [0.0]
         reach = max(_SHORTEST_M, _REACH * most ** (-1 / 6)) if most else _SHORTEST_M

@@ -5,8 +5,8 @@ units that make its field h = (3(m·n)n − m)/ρ³ the receiver's own, d = ‖h
 is turned clockwise from its reported pose [rad]: compass and mount are never exact. K hypotheses, N readings.
 
 A reading is one complex number, ln(h_x + i·h_y) = −3 ln d + iδ: the real part of its error is relative to the field,
-the imaginary one an angle, known up to the receiver's 180°. In the inner zone, where d is of the whole field and δ
-says nothing, the field's own direction takes the place of the receiver's x + i·y.
+the imaginary one an angle, known up to the receiver's 180°. In the inner zone d is of the whole field and δ is not
+valid: the field's own direction replaces the receiver's x + i·y.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Known beforehand.
+# Prior knowledge.
 MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
 _STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
 _DEPTH: Final = (0.5, 1.2)  # below the ground, and its sigma, m
@@ -31,35 +31,36 @@ _ONE: Final = np.eye(7)
 
 # Variances of a reading, relative to the field or in radians².
 _NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
-_ANY: Final = 1.0  # of a reading that says nothing
-_ROUNDING: Final = (0.01**2, 0.02**2)  # of d, of δ, and of unknown causes
+_ANY: Final = 1.0  # of a reading without information
+_ROUNDING: Final = (0.01**2, 0.02**2)  # of d and of δ, with unknown causes
 _TILT: Final = 0.03**2  # of the receiver's attitude
 _SILENCE: Final = (50.0, 0.1**2)  # the limit of reception [m], and its width
-TAIL: Final = 9.0  # variances; beyond, a squared error counts for less and less
+TAIL: Final = 9.0  # variances; larger squared errors have less and less weight
 
-_POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # sigmas thought possible of the receiver's place, m
-WIDE: Final = np.geomspace(0.03, 10.0, 16)  # of a place that may be wrong
-USUAL: Final = (0.1, 0.8)  # of such a sigma: its median, and the sigma of its logarithm
+_POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # possible sigmas of the receiver's place, m
+WIDE: Final = np.geomspace(0.03, 10.0, 16)  # the same for a place that may be wrong
+USUAL: Final = (0.1, 0.8)  # prior of such a sigma: its median, and the sigma of its logarithm
 _MODESTY: Final = 1.6  # a fit underestimates its own errors
 
-FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best one's
-SETTLED: Final = 0.01  # of a cost: two rounds in a row that gain less are the last
+FORGET: Final = 12.0  # drop a hypothesis with e^−12 of the best likelihood
+SETTLED: Final = 0.01  # stop after two rounds in a row that reduce a cost by less
 
 MOST: Final = 64  # readings
 _NEAREST: Final = 0.1  # m
 
 
-# As `DipoleReadings.add` takes it.
+# The arguments of `DipoleReadings.add`.
 Reading = tuple[Sequence[float], Array, float, float, bool, float, float | None]
 
 
 class DipoleReadings:
-    """Remembers the readings that say most; number 0 stands for what is known beforehand.
+    """Remembers the most informative readings; number 0 is the prior.
 
-    Of the real and the imaginary part of each: `told`, it is a value; `limit`, it is the most that it can be.
-    `gains`: of the antennas x and y, 0 for a dead one; `lost`, None or (3, N): what they miss of a field. `deaf_m`:
-    from there the reference transmitter is no louder than noise. `since_s`: those before say nothing. `sloping`: the
-    ground below them is known.
+    - `told`, `limit`: for the real and the imaginary part of each reading: it is a value; it is an upper bound.
+    - `gains`: of the antennas x and y, 0 for a dead one. `lost`: the part of a field that they miss, None or (3, N).
+    - `deaf_m`: the distance at which the reference transmitter is no stronger than the noise.
+    - `since_s`: earlier readings do not count.
+    - `sloping`: the ground below the readings is known.
     """
 
     def __init__(
@@ -90,7 +91,7 @@ class DipoleReadings:
         time_s: float = 0.0,
         ground: float | None = None,
     ) -> None:
-        """Add a reading, in place of the weakest if there are too many.
+        """Add a reading. It replaces the weakest one if there are too many.
 
         The receiver at `position` NED [m], turned by `rotation` (3, 3) to NED; d in metres, not above 0 when
         there was no signal; δ in radians.
@@ -135,7 +136,7 @@ class DipoleReadings:
 
     def _show(self, n: int) -> None:
         at, axis, self.said, self.inner, told, limit, self.variance, self.time_s = (column[:n] for column in self._all)
-        self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # sums over 3 are quick so
+        self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # so sums over 3 are fast
         if self._gains != (1.0, 1.0):
             (x, y), (miss_x, miss_y) = self._gains, (math.sqrt(1 - gain**2) for gain in self._gains)
             self.lost = miss_x * self.axis.real + 1j * miss_y * self.axis.imag
@@ -187,8 +188,8 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
         axis = np.where(o.inner, left / np.sqrt(np.maximum(_dot(left, h), 1e-20)), o.axis)
     z = _dot(axis, h) + 1e-12
     heard2 = z.real**2 + z.imag**2
-    hidden = np.maximum(h2 / heard2 - 1, 0)  # of the field, across the two antennas
-    error = np.empty((len(x), len(o.said)), complex)  # ln(z/ρ³), by its parts: numpy takes ten times as long for both
+    hidden = np.maximum(h2 / heard2 - 1, 0)  # the part of the field that both antennas miss
+    error = np.empty((len(x), len(o.said)), complex)  # ln(z/ρ³) by its parts: ten times faster than as complex
     error.real = 0.5 * np.log(heard2 / rho2**3)[:, 0] - o.said.real
     turn = np.arctan2(z.imag, z.real)[:, 0] - o.said.imag - x[:, 6:]  # exact for a level receiver
     error.imag = turn - np.pi * np.rint(turn / np.pi)
@@ -210,7 +211,7 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
     squared = e**2 / total
     tail = 1 + squared / TAIL
     loss = TAIL * np.log(tail)
-    tail[:, :2], loss[:, :2] = 1, squared[:, :2]  # what is known beforehand is no outlier
+    tail[:, :2], loss[:, :2] = 1, squared[:, :2]  # the prior is no outlier
     used = o.told | (o.limit & (e > 0))
     weight = used / (total * tail)
     cost = 0.5 * (np.add.reduce(used * loss + o.told * np.log(total), axis=1) + _YAW * x[:, 6] ** 2)
@@ -249,7 +250,7 @@ def the_better(old: Fit, new: Fit, better: NDArray[np.bool_]) -> Fit:
 
 
 def likely_pose_error(fit: Fit, i: int, o: DipoleReadings, errors: Array = _POSE_ERRORS) -> float:
-    """Return the likeliest of `errors` of the receiver's place [m], by the readings and hypothesis i."""
+    """Return the most likely of `errors` of the receiver's place [m], given the readings and hypothesis i."""
     total = errors[:, None] ** 2 * fit.slope[i] + fit.variance[i]
     tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (TAIL * total))
     cost = 0.5 * np.add.reduce(o.told * (TAIL * tail + np.log(total)), axis=1)
@@ -268,7 +269,7 @@ def unexplained(x: Array, o: DipoleReadings, error_m: float, variances: float) -
 def seeds(position: Sequence[float], bearing: float, d: float, ground: float | None = None) -> Array:
     """Return hypotheses (24, 7) that agree with one reading: on all sides, with a rising, level or sinking field.
 
-    All of the reference strength and near the expected depth; bearing of the field in radians, d in metres.
+    All have the reference strength and about the expected depth. Bearing of the field in radians, d in metres.
     """
     turn, rise = (grid.ravel() for grid in np.meshgrid(np.arange(8) * (np.pi / 4), (-1.5, 0.0, 1.5)))
     h = np.stack([0 * turn + math.cos(bearing), 0 * turn + math.sin(bearing), rise], axis=1)
@@ -283,6 +284,6 @@ def seeds(position: Sequence[float], bearing: float, d: float, ground: float | N
 
 
 def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
-    """a·b (K, 1, N) of vectors (K, 3, N)."""
+    """Return a·b (K, 1, N) of vectors (K, 3, N)."""
     product: NDArray[Any] = np.add.reduce(a * b, axis=1, keepdims=True)
     return product

@@ -1,7 +1,7 @@
-"""The place of a transmitter if the places reported drift slowly, as those of a GPS do.
+"""The place of a transmitter if the reported places drift slowly, like those of a GPS.
 
-The drift on each axis is a slow random process, low-pass filtered as an estimator does it: the errors of readings near
-in time are alike, those of a minute average out.
+The drift on each axis is a slow random process, low-pass filtered as by an estimator. Errors of readings close in time
+are alike; errors over a minute average out.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from arva_hil.search.strategies import dipole
 
-DRIFTS_M: Final = (1.0, 0.3, 3.0)  # sigmas on each axis thought possible; the usual one first
-WHITE_M: Final = 0.1  # sigma of what else is wrong with a place
+DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
+WHITE_M: Final = 0.1  # sigma of the other errors of a place
 
-_SLOW_S: Final = (30.0, 5.0)  # forgotten in, filtered with
-_FARTHEST_M: Final = 2.0  # of a step
-_SETTLED_M: Final = 0.01  # a step that moves it and the drift less is the last
+_SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
+_FARTHEST_M: Final = 2.0  # longest step
+_SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
 _ROUNDS: Final = 4
 _FEW, _APART_M = 4, 0.2  # hypotheses
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class DriftFit(NamedTuple):
-    """A hypothesis under a drift. `now`: where it is in the places reported now, north, east, down."""
+    """A hypothesis under a drift. `now`: its place in the frame reported now, north, east, down."""
 
     x: Array  # (7,)
     covariance: Array  # (7, 7)
@@ -41,7 +41,7 @@ class DriftFit(NamedTuple):
 
 
 class _Linear(NamedTuple):
-    """The readings used by one hypothesis as linear in it and in the drift, and what solves that; M real parts."""
+    """The readings, linearised in one hypothesis and in the drift, and the solution; M real parts."""
 
     of: NDArray[np.intp]  # (M,) the reading of each
     slopes: Array  # (7, M) of the error over the hypothesis
@@ -74,17 +74,17 @@ def fitted(
 ) -> list[DriftFit]:
     """Return for each hypothesis (K, 7) the one near it that fits the readings best.
 
-    Sigmas of each place and of the drift are in metres. `near`: fits whose drifts are the start of the first
-    hypotheses. The cost of a fit with `drift_m` 0 can be compared with others.
+    Sigmas of each place and of the drift are in metres. `near`: fits; the first hypotheses start with their drifts. The
+    cost of a fit with `drift_m` 0 can be compared with others.
     """
     alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
     newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
-    alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is no reading
+    alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is the prior
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
     there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, len(o.time_s)))
     for k, before in enumerate(near):
         drift[k] = _then(before, o.time_s)
-    going, fits = dict.fromkeys(range(len(x)), rounds), dict[int, DriftFit]()  # rounds left; those that are settled
+    going, fits = dict.fromkeys(range(len(x)), rounds), dict[int, DriftFit]()  # rounds left; the settled fits
     while going:
         numbers = list(going)
         there.at = o.at - drift[numbers]

@@ -1,9 +1,9 @@
 """A search that estimates the place of the transmitter from the field of a dipole, and flies there.
 
-Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
+The strategy keeps several hypotheses, weighted by the likelihood of all readings, and drops unlikely ones. The vehicle
 flies to their average, which separates them. Before it stops, it samples other hypotheses again, and flies a circle
-about the place. Readings that are late, places that drift as those of a GPS, dead antennas, and electronics that drown
-what is far off are noticed and taken into account.
+about the place. The strategy detects late readings, places that drift like those of a GPS, dead antennas, and
+electronics that mask distant transmitters.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again
 from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
-_STEP_M: Final = 0.48  # flown between two readings that are kept
+_STEP_M: Final = 0.48  # keep a reading after this distance
 _STEP_S, _DRIFTING_S = 0.2, 1.5  # least time between them; under a drift
 _SAME: Final = np.array([0.02] * 3 + [0.1] * 4)  # smaller differences are none: place over distance, moment, yaw
 _MANY: Final = 40
@@ -46,11 +46,11 @@ _EXPLAIN_LATER, _EXPLAIN_DRIFTING = 60, 30  # the same under a known drift
 _ODD_M: Final = 0.3  # estimate it if the places seem wrong by this
 _EVIDENT: Final = 16.0  # accept another cause if it is more likely by e^16
 _LATE_S: Final = 1.0  # readings with a larger delay need another circle
-_LIKELY: Final = 3.0  # at the end, accept a drift if it is more likely by e^3
+_LIKELY: Final = 3.0  # accept a drift at the end if it is more likely by e^3
 _LIKELIER: Final = 6.0  # accept any cause by e^6 if the place is doubtful
 _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
-_LONGEST_S: Final = 240.0  # the same after the first hover above a place, in any case
+_LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
@@ -60,7 +60,7 @@ class Hypotheses:
     - `cause`: of what is wrong with the readings. `readings`: with the poses under that cause.
     - `x`: dipoles (K, 7). `places`: (K, 3), in the frame reported now. `share`: (K,).
     - `drifts`: the fits under a drift of the places, the best first; none without a drift.
-    - `covariance`: of north and east of the average [m²]. `sure`: that is small.
+    - `covariance`: of north and east of the average [m²]. `sure`: the covariance is small.
     - `pose_error`: of the receiver's places [m]. `age`: readings since other hypotheses were added.
     """
 
@@ -78,7 +78,7 @@ class Hypotheses:
         self._yaw_sigma = math.inf  # of the best one, rad
 
     def take(self, one: Explanation, o: Observation) -> None:
-        """Go on from an explanation."""
+        """Replace the hypotheses by those of an explanation."""
         self.cause, self.readings = one.cause, one.readings
         self.drifts = [one.best] if one.cause.drift_m else []
         self.x, self._damping, self.pose_error = one.x, np.full(len(one.x), 0.01), min(one.pose_error, 1.0)
@@ -89,7 +89,7 @@ class Hypotheses:
         self.x, self.drifts = np.concatenate([one.x[:1], self.x]), [one.best, *self.drifts]
 
     def settled(self) -> Found:
-        """Return their average, without the drift."""
+        """Return the average of the hypotheses, without the drift."""
         (nn, ne), (_, ee) = self.covariance.tolist()
         north, east, down = (self.share @ self.places).tolist()
         far = abs(self.x[0, 6]) > max(_TURNED, _TURNED_SIGMAS * self._yaw_sigma)
@@ -105,7 +105,7 @@ class Hypotheses:
         return Found(north, east, down, (nn, ne, ee), now, now_covariance, turned_deg)
 
     def seed(self, o: Observation) -> None:
-        """Add those that agree with a reading."""
+        """Add hypotheses that agree with a reading."""
         new = dipole.seeds(o.position, o.bearing, o.d_m, o.ground)
         self.x = np.concatenate([self.x, new])
         self._damping = np.append(self._damping, np.full(len(new), 0.01))
@@ -159,7 +159,7 @@ class Hypotheses:
 
 
 class Estimate:
-    """Remembers the readings, the hypotheses that are left, and the way that it flies to tell them apart."""
+    """Remembers the readings, the hypotheses that are left, and the path that separates them."""
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
@@ -169,9 +169,9 @@ class Estimate:
         self._dipoles = Hypotheses(self._evidence)
         self._unexplained = 0  # readings since causes were compared
         self._circle: Circle | None = None
-        self._listens_s = math.inf  # since when it circles, with this cause
-        self._doubtful_s = math.inf  # since when the readings do not agree with the place
-        self._above_s = math.inf  # when it first came above a place
+        self._listens_s = math.inf  # start of the circle with this cause
+        self._doubtful_s = math.inf  # start of the disagreement of readings and place
+        self._above_s = math.inf  # start of the first hover above a place
         self._strongest: Observation | None = None
         self._last_s = -math.inf
         self._silent = self._turns = 0
@@ -184,7 +184,7 @@ class Estimate:
 
     @property
     def belief(self) -> Belief:
-        """The hypotheses, the covariance of their average, and where it flies to."""
+        """The hypotheses, the covariance of their average, and the goal."""
         (nn, ne), (_, ee) = self._dipoles.covariance.tolist()
         every = np.column_stack([self._dipoles.places[:, :2], self._dipoles.share]).tolist()
         return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._target)
@@ -228,7 +228,7 @@ class Estimate:
         self._steer(o, self._strongest)
 
     def _listen(self, o: Observation) -> None:
-        """Circle about the place before it is reported. Causes may change, but it ends in bounded time."""
+        """Circle about the place before it is reported. Causes may change, but the circle ends in bounded time."""
         near = self._near(o, _NEAR_M)
         if near:
             self._above_s = min(self._above_s, o.time_s)
@@ -254,13 +254,13 @@ class Estimate:
             self._circle.observe(self._dipoles.place)
 
     def _heard_enough(self, listened_s: float) -> bool:
-        """Return True if it was received long enough, until the drift has averaged out as far as it will."""
+        """Return True if the drift has averaged out as far as it can."""
         drifts = self._dipoles.drifts
         sigma = float(np.linalg.eigvalsh(drifts[0].covariance[:2, :2])[1]) ** 0.5 if drifts else 0.0
         return sigma < _AVERAGE_M or listened_s >= _AVERAGE_S
 
     def _certain(self, o: Observation) -> bool:
-        """Return True if the readings agree with the place; if not, sample again, for another cause or hypothesis."""
+        """Return True if the readings agree with the place. If not, sample again for another cause or hypothesis."""
         north, east, *_ = self._dipoles.settled()
         every = self._evidence.explanations(beginning((north, east), self._evidence), self._dipoles.cause)
         judgement = judged((north, east), every)
@@ -291,10 +291,10 @@ class Estimate:
     def _believe(
         self, every: Sequence[Explanation], evident: float, o: Observation, *, drift: float = _EVIDENT
     ) -> bool:
-        """Take the best explanation, if it is more likely by e^`evident` than the present one, which is the first.
+        """Take the best explanation if it is more likely by e^`evident` than the present one, which is the first.
 
-        Return True if further explanations may be better: not after a smaller drift. `drift`: the same limit for a
-        drift where there was none, which takes long to average out.
+        Return True if further explanations may be better: not after a smaller drift. `drift`: the limit for a first
+        drift, which takes long to average out.
         """
         self._unexplained, before, present = 0, self._dipoles.cause, every[0]
         new = 0.0 if before.drift_m else min(drift, _LIKELIER)
@@ -307,7 +307,7 @@ class Estimate:
         if best.cause == before or present.cost - best.cost < evident:
             return False
         if best.cause.lag_s > before.lag_s + _LATE_S:
-            self._circle = None  # its readings were not of it
+            self._circle = None  # it was about another place
         if not (best.cause.drift_m and before.drift_m):
             self._listens_s = o.time_s
         self._dipoles.take(best, o)
@@ -326,7 +326,7 @@ class Estimate:
         return self._dipoles.sure and math.dist(o.position[:2], self._dipoles.place) < near_m
 
     def _steer(self, o: Observation, strongest: Observation) -> None:
-        """Fly to the hypotheses, or after the signal is lost to the best place; there, in a spiral."""
+        """Fly to the hypotheses; without a signal to the best place, and there in a spiral."""
         here = np.array(o.position[:2])
         if self._dipoles.sure:
             self._turns = 0
@@ -339,7 +339,8 @@ class Estimate:
             to = self._dipoles.places[:, :2] + aside - here
             distance = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)
             mean = self._dipoles.share @ (to / distance[:, None])
-            heading = mean + 0.5 * (1 - math.hypot(*mean)) * self._heading  # as before, as far as they disagree
+            # Keep the heading as far as the hypotheses disagree.
+            heading = mean + 0.5 * (1 - math.hypot(*mean)) * self._heading
             self._heading = heading / max(math.hypot(*heading), 1e-9)
             goal = here + self._heading * (self._dipoles.share @ distance)
         self._target = (float(goal[0]), float(goal[1]))

@@ -1,4 +1,4 @@
-"""The readings that found transmitters explain in a receiver without ids, to distinguish those of another one."""
+"""Readings of a receiver without ids that found transmitters explain; the others are of another transmitter."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from arva_hil.search.strategies import dipole
 from arva_hil.search.strategies.strategy import Found, Observation
 
-_DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # to begin with, below the ground, m
+_DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # initial depths below the ground, m
 _POSE_M: Final = 0.3  # error of the receiver's place
 _ROUNDS: Final = 20
-_NEAR: Final = 0.8  # of d as it would be: a reading of something nearer is another's
-_ALIKE: Final = 1.2  # times that d: beyond, δ does not distinguish them
-_ASIDE_DEG: Final = 40.0  # of δ
+_NEAR: Final = 0.8  # share of the expected d: a nearer reading is of another transmitter
+_ALIKE: Final = 1.2  # multiple of the expected d above which δ does not distinguish transmitters
+_ASIDE_DEG: Final = 40.0  # largest deviation of δ
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Explained:
         self._dipoles.append(x)
 
     def explain(self, o: Observation) -> bool:
-        """Return True if a reading is of one of them. The frame has the nearest: another's would be nearer."""
+        """Return True if a reading is of a found transmitter: a frame has the nearest, so another would be nearer."""
         return any(self._explains(x, o) for x in self._dipoles)
 
     def _explains(self, x: Array, o: Observation) -> bool:

@@ -1,4 +1,4 @@
-"""Extremum seeking, without a model of the field: it circles, and drifts to where the signal was stronger.
+"""Extremum seeking, without a model of the field: it circles, and drifts towards the stronger signal.
 
 After M. Krstić, and Azzollini, Mimmo, Marconi: An extremum seeking approach to search and rescue operations in
 avalanches using ARVA (2020).
@@ -15,18 +15,18 @@ import numpy as np
 
 from arva_hil.search.strategies.strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
-_DITHER: Final = 0.8  # times the speed: on the circle
-_DRIFT: Final = 0.8  # times the speed: of its centre, at most; what both exceed the speed by is cut
-_TURN: Final = 0.4  # rad/s on the circle, at most: some 16 readings a round at 1 Hz
-_RADIUS: Final = 0.6  # times d: false minima of d are about so far from the true one
+_DITHER: Final = 0.8  # share of the speed on the circle
+_DRIFT: Final = 0.8  # largest share of the speed of its centre; the sum is limited to the speed
+_TURN: Final = 0.4  # largest turn rate, rad/s: 16 readings a round at 1 Hz
+_RADIUS: Final = 0.6  # share of d: about the distance of false minima of d from the true one
 _RADII_M: Final = (0.8, 3.0)
-_TRACK: Final = 0.5  # 1/s; back onto the circle
-_SETTLED: Final = 0.3  # times the radius: so near is the centre to the minimum when it is there
-_SILENCE_S: Final = 5.0  # without a signal for this time: back to the strongest reading
+_TRACK: Final = 0.5  # 1/s, gain of the return to the circle
+_SETTLED: Final = 0.3  # share of the radius within which the centre is at the minimum
+_SILENCE_S: Final = 5.0  # after this time without a signal, fly back to the strongest reading
 _ORBIT: Final = 2 * math.pi
-_STEP: Final = _ORBIT / 24  # between the readings that are kept
-_ENOUGH: Final = 0.75 * _ORBIT  # of readings, to judge by
-_PATIENCE: Final = 3 * _ORBIT  # a centre that swings about one place for so long is there as well
+_STEP: Final = _ORBIT / 24  # between two readings that are kept
+_ENOUGH: Final = 0.75 * _ORBIT  # readings needed for a minimum
+_PATIENCE: Final = 3 * _ORBIT  # a centre that swings about a place for this long has settled too
 
 
 class Extremum:
@@ -41,13 +41,13 @@ class Extremum:
         self._centre: tuple[float, float] | None = None  # None before the first signal
         self._drift = STILL
         self._radius = _RADII_M[1]
-        self._phase = 0.0  # radians from north; grows on
-        self._time_s = 0.0  # of centre and phase
+        self._phase = 0.0  # radians from north; never wraps
+        self._time_s = 0.0  # the time of centre and phase
         self._round: deque[tuple[float, float, float, float]] = deque()
-        self._calm = 0.0  # radians flown since the centre is at the minimum
+        self._calm = 0.0  # radians flown with the centre at the minimum
         self._centres: deque[tuple[float, float, float]] = deque()  # phase, north, east, over the last rounds
         self._heard_s = 0.0
-        self._best = (math.inf, (0.0, 0.0))  # d, m, and where
+        self._best = (math.inf, (0.0, 0.0))  # d [m] and its place
 
     def observe(self, observation: Observation) -> None:
         """Use the reading of one more frame."""
@@ -136,9 +136,9 @@ class Extremum:
 
 
 def minimum(heard: deque[tuple[float, float, float, float]]) -> tuple[float, float, float]:
-    """(north, east) of the least d, and d amid the readings, m, by the plane through (phase, north, east, 1/d).
+    """Return (north, east) of the least d, and d amid the readings [m], by the plane through (phase, north, east, 1/d).
 
-    Were d² that of the least d plus the square of the distance from there, it would be d³ ∇(1/d) away.
+    If d² grows by the square of the distance from the minimum, the minimum is d³ ∇(1/d) away.
     """
     _, north, east, near = np.array(heard).T
     middle = np.array([north.mean(), east.mean()])

@@ -9,11 +9,11 @@ from arva_hil.search.strategies.cross import Cross
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 
 _K: Final = 0.8  # 1/m; speed · K d / √(1 + (K d)²)
-_RISE: Final = 1.08  # times the least d: it rises
-_FALL: Final = 0.7  # times the first d: it has fallen
-_MOST_TURNS: Final = 3  # without that d falls
+_RISE: Final = 1.08  # d rises above this multiple of its minimum
+_FALL: Final = 0.7  # d has fallen below this share of its first value
+_MOST_TURNS: Final = 3  # largest number of turns without a fall of d
 _SMOOTH_S: Final = 1.0  # time constant
-_SILENCE_S: Final = 3.0  # without a signal: turn back; in vain: turn again after twice the time, and so on
+_SILENCE_S: Final = 3.0  # after this time without a signal turn back, then again after twice the time, and so on
 
 
 class Flux:
@@ -26,19 +26,19 @@ class Flux:
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
-        self._course: float | None = None  # from north, radians; None before the first signal
+        self._course: float | None = None  # radians from north; None before the first signal
         self._d = 0.0  # smoothed, m
         self._first = 0.0  # d when the course was taken
-        self._least = math.inf  # d since; inf: the course is yet to be taken
+        self._least = math.inf  # least d since then; inf before the course is taken
         self._place = (0.0, 0.0)  # of the least d
         self._turns = 0
-        self._heard_s = -math.inf  # or turned back
+        self._heard_s = -math.inf  # the last signal, or the last turn back
         self._patience_s = _SILENCE_S
         self._cross: Cross | None = None
 
     @property
     def found(self) -> Found | None:
-        """The centre of the cross, once it stays."""
+        """The centre of the cross, once it does not move any more."""
         return Found(*self._cross.centre) if self._cross and self._cross.settled else None
 
     def observe(self, observation: Observation) -> None:
@@ -81,7 +81,7 @@ class Flux:
             self._least, self._place = self._d, o.position[:2]
 
     def _decide(self, o: Observation) -> None:
-        """Decide whether to go on, to turn round or to begin the cross."""
+        """Continue, turn round, or begin the cross."""
         assert self._course is not None
         if o.inner:
             self._cross = Cross(o.position[:2], self._course)

@@ -1,4 +1,4 @@
-"""The loop's end of an analysis: orders leave, answers come, and nothing waits for them."""
+"""The steering loop's side of an analysis. It sends orders and gets answers without waiting."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from arva_hil.events.searches import StrategySlow
 from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order, Worker, silent
 from arva_hil.search.strategies.strategy import STILL, Observation, Position, Velocity
 
-_HELD_S: Final = 1.0  # a velocity is flown for so long without a new one
-_MOST_ORDERS: Final = 256  # of a batch: a pipe takes these without waiting
+_HELD_S: Final = 1.0  # fly a velocity for this long without a new one
+_MOST_ORDERS: Final = 256  # in a batch: a pipe accepts these without waiting
 
 
 class Guidance:
-    """The orders that wait, the newest answer, and the age of the velocity that is flown.
+    """Remembers the waiting orders, the newest answer, and the age of the velocity that is flown.
 
     `number`: of the present strategy. `patience_s`: the longest time for one answer. Times are of the mission's clock,
     which does not run while the computer pauses.
@@ -28,10 +28,10 @@ class Guidance:
         self._emit = emit
         self._patience_s = patience_s
         self._orders: list[Order] = []
-        self._question: Order | None = None  # the newest, after these orders
-        self._sent_s: float | None = None  # of the batch without an answer
-        self._starved_s = 0.0  # of the worker, before that batch
-        self._warn_s = _HELD_S  # warn of an answer that takes longer
+        self._question: Order | None = None  # the newest question, sent after the orders
+        self._sent_s: float | None = None  # when the unanswered batch was sent
+        self._starved_s = 0.0  # the worker's, before that batch
+        self._warn_s = _HELD_S  # report an answer that takes longer
         self._velocity, self._velocity_s = STILL, -math.inf
         self._contradictions: tuple[bool, ...] | None = None
 
@@ -58,7 +58,7 @@ class Guidance:
         self._orders.append((Analysis.observe, o, height_m))
 
     def steer(self, time_s: float, position: Position) -> AnalysisResult | None:
-        """Ask the strategy for a velocity. Returns as `exchange`."""
+        """Ask the strategy for a velocity. Returns the result of `exchange`."""
         self._question = Analysis.steer, time_s, position
         return self.exchange(time_s)
 
@@ -73,7 +73,7 @@ class Guidance:
         return self._contradictions
 
     def exchange(self, time_s: float) -> AnalysisResult | None:
-        """Send what waits, if the batch before is answered. Returns an answer of the present strategy that is new."""
+        """Send the waiting orders if the last batch is answered. Returns a new answer of the strategy, or None."""
         answer = self._collect(time_s)
         if self._sent_s is None and (self._orders or self._question):
             batch = self._orders[:_MOST_ORDERS]
@@ -87,7 +87,7 @@ class Guidance:
         return answer
 
     def silent(self, time_s: float) -> str:
-        """Return how the search ends because the strategy takes too long, "" if it does not.
+        """Return the end of the search if the strategy takes too long, otherwise "".
 
         Time in which it waited for a processor does not count.
         """

@@ -1,8 +1,7 @@
 """The readings of one transmitter with the receiver's poses, and their explanations.
 
-A receiver, its cable or its host may be late, the places reported may drift, an antenna may be dead or detuned, and
-electronics near it may make it deaf; and the transmitter may have moved. Several of these
-causes are tried on the readings.
+Readings may be late, reported places may drift, an antenna may be dead or detuned, electronics may mask distant
+transmitters, and the transmitter may have moved. Several of these causes are tried on the readings.
 """
 
 from __future__ import annotations
@@ -22,14 +21,14 @@ from arva_hil.search.strategies.drift import DRIFTS_M, WHITE_M, DriftFit, fitted
 from arva_hil.search.strategies.strategy import Observation, Position
 
 _LAGS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)
-_LATER_S: Final = 0.5  # from one to the next
+_LATER_S: Final = 0.5  # step between two delays that are tried
 _GAINS: Final = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # of the antennas x and y
 _DEAF_M: Final = (35.0, 20.0)  # 10 and 50 nA/m of electronics
-_AGO_S: Final = (15.0, 30.0, 60.0)  # when something else may have changed
+_AGO_S: Final = (15.0, 30.0, 60.0)  # times since a change that are tried
 _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
-_SOME_ROUNDS, _MORE_ROUNDS = 4, 15  # where places drift: to choose, and to the end
-_FEW, _FEWER = 3, 2  # hypotheses; where places drift
+_SOME_ROUNDS, _MORE_ROUNDS = 4, 15  # rounds under a drift: for the choice, and for the final fit
+_FEW, _FEWER = 3, 2  # hypotheses; the same under a drift
 _PASSES: Final = ((2, 12), (4, _FEW), (6, _FEW))  # rounds, and the hypotheses that are kept after them
 _ODD: Final = 4.0  # cost of anything but the usual drift
 _NEWEST: Final = 32  # readings that are all used
@@ -39,7 +38,7 @@ _WALKED_M: Final = 8.0  # of the newest track, at least
 _EVIDENT: Final = 16.0  # a walk is more likely by e^16 than all else
 _FITS_M: Final = 0.08  # up to this error of the places no lag or drift is tried
 _DOWNS: Final = (-2.5, 3.5)  # usual depth of a transmitter below the ground [m]
-_STRENGTH: Final = 2.3  # usual moment: up to so many times the reference transmitter's, or that part of it
+_STRENGTH: Final = 2.3  # usual moment: at most this multiple of the reference transmitter's, at least its inverse
 OUTLIERS: Final = 0.15  # accept at most this share of outliers
 ROUGH_M, ROUGHLY = 0.5, 9.0  # an outlier exceeds this error of the places, and this variance
 _time: Final = operator.attrgetter("time_s")
@@ -74,7 +73,7 @@ Track = tuple[tuple[float, float, float], ...]  # time [s], north, east [m]
 
 
 class Explanation(NamedTuple):
-    """A cause, and what fits the readings then. `cost`: −ln of how likely `best` is; `costs`: of all, best first."""
+    """A cause, and its fits to the readings. `cost`: −ln of the likelihood of `best`; `costs`: of all, best first."""
 
     cause: Cause
     readings: dipole.DipoleReadings
@@ -114,7 +113,7 @@ class History:
         return min(self._read, key=_distance, default=None)
 
     def readings(self, cause: Cause = NOTHING) -> dipole.DipoleReadings:
-        """Return the newest readings and some of all the time before.
+        """Return the newest readings and some earlier ones.
 
         They are at the receiver's places at their times, with the gains of its antennas.
         """
@@ -129,7 +128,7 @@ class History:
     def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
         """Return the fits under each cause, for hypotheses (K, 7) to begin with; this cause first.
 
-        Where readings in time and in place fit a usual transmitter, no other cause is tried.
+        If readings without delay and drift fit a usual transmitter, no other cause is tried.
         """
         first = self._fitted(x, cause)
         if cause == NOTHING and first.pose_error < _FITS_M and _usual(first):
@@ -162,7 +161,7 @@ class History:
         return tuple((at, *place) for at, place in zip(time_s[order].tolist(), moved[order].tolist(), strict=True))
 
     def _drifting(self, x: Array, first: Explanation, lag_s: float) -> list[Explanation]:
-        """Return the fits under each drift, if readings are about so late. Begin a fit where another ended."""
+        """Return the fits under each drift, for a delay of about `lag_s`. Each fit begins at the end of another."""
         some = (self._fitted(x, Cause(lag_s=one, drift_m=DRIFTS_M[0])) for one in (0.0, _LATER_S))
         best, tried = min(some, key=lambda one: one.cost), {0.0, _LATER_S}
         if first.cause.drift_m and first.cost < best.cost:
@@ -184,7 +183,7 @@ class History:
         return list(every.values())
 
     def _fitted(self, x: Array, cause: Cause, near: Explanation | None = None) -> Explanation:
-        """Return the fit under a cause; under a drift `near` another explanation, of the same readings."""
+        """Return the fit under a cause. Under a drift it begins at `near`, another explanation of the same readings."""
         drift_m = cause.drift_m
         there = near.readings if near and near.cause.lag_s == cause.lag_s else self.readings(cause)
         if near is not None:
@@ -215,7 +214,7 @@ class History:
         return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
 
     def at(self, time_s: float) -> tuple[Position, Array]:
-        """Return the pose then: position and rotation; before all the first one, after all the last one."""
+        """Return position and rotation at a time; the first ones before all times, the last ones after."""
         i = bisect.bisect_right(self._poses, time_s, key=_time)
         if i == 0 or i == len(self._poses):
             o = self._poses[max(i - 1, 0)]

@@ -13,20 +13,23 @@ from arva_hil.search.strategies.strategy import Strategy
 class SearchPlan:
     """The settings of a search. `area`: south, west, north, east of the take-off point [m].
 
-    `height`: above the ground [m], as far as it is known (`ground.py`); `take_off`: above the take-off point [m].
-    `mount`: the place of the receiver on the vehicle. `victims`: how many are searched for, None: all. `land`: whether
-    it lands at the end, else it hovers. `timeout_s`: from the start until everything is ready for the flight.
-    `take_over`: it is in the air already. `dry_run`: nothing is armed, and the orders are only reported.
+    - `height`: above the ground [m], as far as it is known (`ground.py`). `take_off`: above the take-off point [m].
+    - `mount`: the place of the receiver on the vehicle.
+    - `victims`: the number to find; None: all.
+    - `land`: land at the end; otherwise hover.
+    - `timeout_s`: limit from the start until everything is ready for the flight.
+    - `take_over`: the vehicle is in the air already.
+    - `dry_run`: arm nothing, and only report the orders.
     """
 
     strategy: Callable[[float], Strategy]
-    speed: float = 1.0  # m/s, horizontal, not exceeded
+    speed: float = 1.0  # largest horizontal speed, m/s
     height: float = 3.0  # held
     take_off: float = 3.0
     area: tuple[float, float, float, float] = (-50.0, -50.0, 50.0, 50.0)
     strip_width: float = 40.0
-    patience_s: float = 10.0  # without frames, hovering, before it ends
-    limit_s: float = 900.0  # from the end of the take-off
+    patience_s: float = 10.0  # hover for this time without frames, then end
+    limit_s: float = 900.0  # limit from the end of the take-off
     mount: Mount = field(default_factory=Mount)
     trust_gps: bool = False  # hold `height` also if only GPS measures it
     victims: int | None = 1

@@ -21,10 +21,11 @@ STILL: Velocity = (0.0, 0.0)
 class Observation(NamedTuple):
     """The reading of the transmitter that is searched for in one frame, and the receiver's pose.
 
-    `rotation`: matrix receiver FRD → NED, shape (3, 3). `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 means
-    no signal. `inner`: the inner zone, where d_cm is from all three antennas and delta_deg has no meaning. `ground`:
-    the ground below, down from the take-off point [m]; None if the vehicle does not know it. `signal`: the signed
-    signals of the three antennas, in any unit, and `age_s`, the time since then, from receivers that send them.
+    - `rotation`: matrix receiver FRD → NED, shape (3, 3).
+    - `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 means no signal.
+    - `inner`: the inner zone, where d_cm is from all three antennas and delta_deg is not valid.
+    - `ground`: down from the take-off point [m]; None if it is not known.
+    - `signal`: signed signals of the three antennas, in any unit, if the receiver sends them. `age_s`: their age.
     """
 
     time_s: float
@@ -107,8 +108,8 @@ class Found(NamedTuple):
 class Belief(NamedTuple):
     """The present estimate of a strategy, for observers. A strategy may have a property `belief`.
 
-    `hypotheses`: (north, east, share), with shares that add up to 1. `covariance`: as in `Found`. `goal`: (north, east)
-    of the place that it flies to.
+    `hypotheses`: (north, east, share), with shares that add up to 1. `covariance`: as in `Found`. `goal`: north and
+    east of the place to which it flies.
     """
 
     hypotheses: tuple[tuple[float, float, float], ...] = ()
@@ -117,7 +118,7 @@ class Belief(NamedTuple):
 
 
 class Strategy(Protocol):
-    """Searches for one transmitter. It is created with the highest speed [m/s]."""
+    """A search for one transmitter. It is created with the highest speed [m/s]."""
 
     def __init__(self, speed: float) -> None: ...
 

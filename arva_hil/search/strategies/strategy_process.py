@@ -19,7 +19,7 @@ from typing import Final
 from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order, failed, killed
 from arva_hil.search.strategies.strategy import Strategy
 
-_MEMORY: Final = 1 << 31  # bytes more than at the start; then a strategy gets a MemoryError
+_MEMORY: Final = 1 << 31  # bytes that it may add; beyond, a strategy gets a MemoryError
 _LONGEST: Final = 1 << 14  # bytes of an answer: a pipe passes these in one piece
 _PDEATHSIG: Final = 1  # of prctl(2)
 
@@ -53,7 +53,7 @@ class StrategyProcess:
     def starved_s(self) -> float:
         try:
             return int(self._schedule.read_text().split()[1]) / 1e9
-        except (OSError, IndexError):  # it has ended, or this Linux does not count
+        except (OSError, IndexError):  # it has ended, or this Linux has no count
             return 0.0
 
     def close(self) -> None:
@@ -79,7 +79,7 @@ def _serve(parent: Connection, pipe: Connection, make: Callable[[], Strategy]) -
 
 
 def _limit() -> None:
-    """Limit the memory of this process, and end it with its parent; before any other where memory is short."""
+    """Limit the memory of this process, end it with its parent, and before others if memory is short."""
     import resource  # only Unix has it
 
     ctypes.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)

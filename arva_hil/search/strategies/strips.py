@@ -29,7 +29,7 @@ class Strips:
         self.lanes = _lanes(area, width, position)
         self._speed = speed
         self._next = 0
-        self._back: tuple[float, float] | None = None  # where a lane is joined again
+        self._back: tuple[float, float] | None = None  # the point to return to a lane
 
     @classmethod
     def of(cls, plan: SearchPlan, position: Position) -> Strips:
@@ -43,7 +43,7 @@ class Strips:
 
     @property
     def exhausted(self) -> bool:
-        """True if there is nothing left to fly, and nothing to wait for."""
+        """True if no lane is left to fly, and none can be added."""
         return self.flown
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
@@ -59,7 +59,7 @@ class Strips:
         return math.dist(position[:2], place) < _REACHED_M
 
     def resume(self, position: Position) -> None:
-        """Go on from `position`: the lane that was left is joined again at its point nearest to there."""
+        """Return to the lane that was left, at its point nearest to `position`."""
         self._back = None
         if self.flown or self._next % 2 == 0:
             return

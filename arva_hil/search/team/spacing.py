@@ -1,8 +1,8 @@
 """The spacing of the vehicles of a team: none flies, descends or lands where another one is.
 
-Each limits only what it does with its own vehicle. Of two that want to be at one place, one has precedence: it goes on,
-and the other one makes room. All make room for a silent one in the air: it flies on for some seconds
-by its last velocity, then it may climb, come down, or hover for the rest of the search.
+Each search limits only its own vehicle. Of two that want the same place, one has precedence and the other one makes
+room. All make room for a silent vehicle in the air: it continues for some seconds with its last velocity, then it may
+climb, descend, or hover for the rest of the search.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _BELOW_M: Final = 8.0  # no descent onto a vehicle that is less below
 _OVER_M: Final = 4.0  # the same, if that vehicle has landed
 _ROOM_M: Final = 9.0  # make room up to this horizontal distance
 _OVERDUE_S: Final = 1.0  # after this time without news a vehicle may be nearer, and at any height
-_COASTS_S: Final = 3.0  # as long as an autopilot follows its last velocity: GUID_TIMEOUT
-_UP_M: Final = 4.0  # horizontally: nearer under another one it does not take off; a team may stand 5 m apart, and
-_ABOVE_M: Final = 1.0  # vertically: one that is less above takes off at the same time
+_COASTS_S: Final = 3.0  # an autopilot follows its last velocity for this time: GUID_TIMEOUT
+_UP_M: Final = 4.0  # no take-off within this horizontal distance below another one; a team may stand 5 m apart
+_ABOVE_M: Final = 1.0  # a vehicle that is less above takes off at the same time
 _DIRECTIONS: Final = 24  # radius of the search for a free place
 _ROUNDING: Final = 1e-9  # m/s
 
@@ -31,7 +31,7 @@ Direction = tuple[float, float]  # north, east
 
 
 class Near(NamedTuple):
-    """Another vehicle, seen from one's own: the direction (a unit vector), the distance and how far below [m].
+    """Another vehicle relative to the own one: direction (a unit vector), distance and height below [m].
 
     `apart_m`: the least horizontal distance. `overdue`: it is in the air, and its news are late.
     """
@@ -80,7 +80,7 @@ def goes_first(other: News, own: News) -> bool:
 
 
 def apart_m(other: News, age_s: float, speed: float) -> float:
-    """Return the least horizontal distance to another one whose news are so old. `speed`: of the search, m/s."""
+    """Return the least horizontal distance to another vehicle with news of this age. `speed`: of the search, m/s."""
     if not other.flying or age_s <= _OVERDUE_S:
         return NEAR_M
     return NEAR_M + speed * min(age_s, _COASTS_S)

@@ -23,13 +23,13 @@ _OLD_S: Final = 5.0  # after this silence, a search's transmitter and part of th
 _ABSENT_S: Final = 60.0  # after its own first news: the parts of searches that sent nothing are free
 _MUCH_NEARER: Final = 0.5  # a search at this share of the distance gets the transmitter
 _THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
-_OUTSIDE_M: Final = 20.0  # of the area: another vehicle drives it no farther, and sends it no farther
+_OUTSIDE_M: Final = 20.0  # limit outside of the area: other vehicles neither push nor send it farther
 
 
 class Teammate:
     """Remembers the newest news of the other searches. `number`: its own; the lower one goes first in a conflict.
 
-    `send`: passes news on to the others. `field`: what they divide; None: each searches its plan's own area.
+    `send`: passes news on to the others. `field`: the area that they divide; None: each searches its plan's own area.
     """
 
     def __init__(self, number: int, send: Callable[[News], None], field: TeamField | None = None) -> None:
@@ -130,7 +130,7 @@ class Teammate:
 
     @property
     def yields(self) -> bool:
-        """True if it gives up another one's part, which is flown, or which that one or a lower number searches too.
+        """True if it gives up another one's part: the part is flown, or its owner or a lower number searches it too.
 
         It never gives up its own part: news may be wrong.
         """
@@ -144,7 +144,7 @@ class Teammate:
 
     @property
     def waits(self) -> bool:
-        """True if others still search parts that they might leave."""
+        """True if others still search parts that they may leave."""
         if self._field is None:
             return False
         return len(self._flown) < self._field.count and bool(self._held())
@@ -200,7 +200,7 @@ class Teammate:
         return {other.number: (*self._seen(*other.lla[:2]), self._apart_m(other)) for other in gone}
 
     def bars(self, place: tuple[float, float], position: Position) -> bool:
-        """Return True if it gets no nearer to a place (north, east), because one that is lost may be there."""
+        """Return True if a lost vehicle, which may be at a place (north, east), keeps it away from there."""
         return any(
             math.dist(place, (north, east)) < metres > math.dist(position[:2], (north, east)) - 1.0
             for north, east, metres in self.lost.values()
@@ -240,7 +240,7 @@ class Teammate:
         return kept_apart(near, room_for, velocity, speed, edges)
 
     def _edges(self, place: tuple[float, float]) -> list[tuple[float, float]]:
-        """Return the directions out of the area in which a place is far outside."""
+        """Return the directions in which a place is too far outside of the area."""
         (north, east), (south, west, most_north, most_east) = place, self._area
         outside = {
             (1.0, 0.0): north - most_north,
@@ -305,7 +305,7 @@ class Teammate:
 
 
 class Bus:
-    """Passes the news of each search to all others in the same program. `field`: what they divide."""
+    """Passes the news of each search to all others in the same program. `field`: the area that they divide."""
 
     def __init__(self, field: TeamField | None = None) -> None:
         self._mates: list[Teammate] = []

@@ -13,7 +13,7 @@ _LAYERS: Final = 2
 
 
 def divide(area: Area, count: int) -> list[Area]:
-    """`count` parts of an area side by side, from west to east. Raises ValueError for fewer than one."""
+    """Return `count` parts of an area side by side, from west to east. Raises ValueError for fewer than one."""
     if count < 1:
         raise ValueError(f"count: {count}, expected 1 or more")
     south, west, north, east = area
@@ -23,7 +23,7 @@ def divide(area: Area, count: int) -> list[Area]:
 
 @dataclass(frozen=True)
 class TeamField:
-    """The field of a team: `area` [m] of `frame`, which all of them have in common, in `count` parts."""
+    """The field of a team: `area` [m] in the common `frame`, in `count` parts."""
 
     area: Area
     frame: LocalFrame

@@ -110,9 +110,9 @@ def _metres(cm: int) -> float:
 
 
 class TeamTunnel:
-    """Passes on the news of one search, and takes those of the others, each from its own system and `component` only.
+    """Sends the news of one search, and receives those of the others, each from its own system and `component` only.
 
-    `systems`: of all members' vehicles, by their numbers. `dropped`: how many were late, repeated or wrong.
+    `systems`: of all members' vehicles, by their numbers. `dropped`: the number of late, repeated or wrong news.
     """
 
     def __init__(self, systems: Sequence[int], component: int) -> None:
