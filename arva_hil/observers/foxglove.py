@@ -19,7 +19,7 @@ from arva_hil.records.ros_messages.message import Message, schema
 INSTALL: Final = "pip install 'arva-hil[foxglove]'"
 _NEXT: Final = 20  # ports that are tried
 _SILENT: Final = logging.CRITICAL + 1  # the SDK logs each client that fails, and takes Python's lock for it
-_GOODBYE_S: Final = 0.3  # for clients that listen to get what is left
+_GOODBYE_S: Final = 0.3  # for clients to receive the last messages
 
 
 class FoxgloveError(ArvaError):
@@ -29,8 +29,8 @@ class FoxgloveError(ArvaError):
 class FoxgloveServer:
     """An observer that serves each message of `messages` on its topic. `url` is where it is.
 
-    If the port is taken the next free one is used. A client that does not read loses its oldest messages, and costs
-    nothing. Raises FoxgloveError if foxglove-sdk is missing or there is no port.
+    If the port is taken, the next free one is used. A client that does not read loses its oldest messages, and does not
+    delay the others. Raises FoxgloveError if foxglove-sdk is missing or there is no port.
     """
 
     def __init__(self, messages: LiveMessages, address: HostPort) -> None:
@@ -52,7 +52,7 @@ class FoxgloveServer:
             self._channels[topic].log(encode(message), log_time=stamp_ns)
 
     def close(self) -> None:
-        """End it, without waiting for clients that do not listen."""
+        """Stop the server, without waiting for clients that do not read."""
         goodbye = threading.Thread(target=self._server.stop, daemon=True)  # it waits for them
         goodbye.start()
         goodbye.join(_GOODBYE_S)

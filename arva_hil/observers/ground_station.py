@@ -1,7 +1,7 @@
 """Sends a search to a ground station's map: the place found as ADSB_VEHICLE, readings as NAMED_VALUE_FLOAT.
 
-Ground stations draw an ADSB_VEHICLE wherever it comes from. An autopilot may evade one, so this needs a link of its
-own, where no autopilot is.
+Ground stations draw an ADSB_VEHICLE from any link. An autopilot may evade one, so this needs a separate link without an
+autopilot.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MOST_NOTED: Final = 16
 
 
 class _ShownPlace(NamedTuple):
-    """The place sent, metres from the take-off point; `found`: the search ends there, else it is the likeliest one."""
+    """The place sent, metres from the take-off point. `found`: the search ends there; otherwise it is an estimate."""
 
     transmitter: int | None
     north_m: float
@@ -34,7 +34,7 @@ class _ShownPlace(NamedTuple):
 
 
 class GroundStation:
-    """An observer that sends what a search knows once a second. Remembers the newest of each.
+    """An observer that sends the newest place and readings of a search once a second.
 
     `link` is closed by `close`. `system`: the vehicle's system id, None while it is not known; nothing is sent then.
     `component`: of the sender.
@@ -47,7 +47,7 @@ class GroundStation:
         self._due_s = -math.inf
         self._start_s: float | None = None
         self._origin: tuple[LocalFrame, float] | None = None  # and its altitude
-        self._reaches_autopilot = False  # so that nothing is put on the map any more
+        self._reaches_autopilot = False  # then nothing is sent any more
         self._place: _ShownPlace | None = None
         self._noted: list[_ShownPlace] = []  # of a search for several
         self._frame: Frame | None = None
@@ -86,7 +86,7 @@ class GroundStation:
             self._place = None
 
     def _send_status(self, time_s: float) -> None:
-        self._link.read()  # what a ground station says is not for us
+        self._link.read()  # discard messages of the ground station
         if (system := self._system()) is None:
             return
         self._encoder.system = system
@@ -117,7 +117,7 @@ class GroundStation:
             round(lat * 1e7),
             round(lon * 1e7),
             dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC,
-            round(alt * 1e3),  # the take-off point's; not said to be valid
+            round(alt * 1e3),  # the take-off point's; not flagged as valid
             0,
             0,
             0,

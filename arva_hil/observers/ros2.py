@@ -1,6 +1,6 @@
 """Publishes the messages of a running program in ROS 2. Needs `rclpy`, which a sourced ROS 2 environment has.
 
-The bytes are those of every other reader; rclpy only learns the types.
+The messages are those of the other outputs; rclpy only gets their types.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NEVER: Final = (BytesSent, PacketsReceived)  # many, and no messages
 
 
 class Ros2Error(ArvaError):
-    """Nothing can be published. `str()` says why, and the cure."""
+    """Nothing can be published. `str()`: the reason and the cure."""
 
 
 class Ros2Publisher:
@@ -78,7 +78,7 @@ class Ros2Publisher:
             self._thread.put(partial(self._publish, event))
 
     def close(self) -> None:
-        """End the node, once all is published; without waiting for long."""
+        """End the node after everything is published, without waiting for long."""
         self._thread.close(self._end, timeout_s=_GOODBYE_S)
 
     def _publish(self, event: Event) -> None:
@@ -92,7 +92,7 @@ class Ros2Publisher:
 
 
 def _kinds() -> tuple[Mapping[type[Message], Any], list[str]]:
-    """ROS 2's classes of our messages, and the packages that are not there."""
+    """Return ROS 2's classes of our messages, and the missing packages."""
     kinds: dict[type[Message], Any] = {}
     missing = []
     for cls in PUBLISHED:

@@ -66,7 +66,7 @@ class Watchdog:
         assert self._socket
         try:
             self._socket.sendto(message.encode(), self._address)
-        except OSError:  # no receiver, or one that is behind
+        except OSError:  # no receiver, or a full socket
             return False
         return True
 

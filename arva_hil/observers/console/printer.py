@@ -42,7 +42,9 @@ class Printer:
         self._named = named
         self._shown: list[str] = []  # the status, as it is on the terminal now
         self._next_plain = _PLAIN_S
-        self._missing: dict[NoVehicle, list[HeartbeatMissing]] = {}  # not said yet: many are missing at the same time
+        self._missing: dict[
+            NoVehicle, list[HeartbeatMissing]
+        ] = {}  # not printed yet: many may be missing at the same time
         self._background = WorkerThread("console")
 
     def observe(self, event: Event) -> None:
@@ -86,7 +88,7 @@ class Printer:
         self._display(time_s, lambda columns, _: [fit(parts, columns)], lambda: BETWEEN.join(parts))
 
     def _say_missing(self) -> None:
-        """Say which vehicles have not appeared: in one sentence those with the same traffic."""
+        """Print the vehicles that have not appeared; one sentence for those with the same traffic."""
         for missing in self._missing.values():
             event = replace(missing[0], vehicle=", ".join(one.vehicle for one in missing))
             if (notice := sentence(event, named=self._named)) is not None:
@@ -99,7 +101,7 @@ class Printer:
         self._display(report.time_s, table, line)
 
     def _display(self, time_s: float, table: Callable[[int, int], list[str]], line: Callable[[], str]) -> None:
-        """Print a table on a terminal, or lines if it is time for them. `table`: makes it for (columns, lines)."""
+        """Print a table on a terminal, or lines if they are due. `table`: makes it for (columns, lines)."""
         if self._live:
             columns, lines = _size(self._stream)
             over, self._shown = self._over(), table(columns - 1, max(1, lines - 2))
@@ -149,7 +151,7 @@ class LinePrinter:
 
     @property
     def error(self) -> Exception | None:
-        """Why nothing more is printed, e.g. the reader has gone; None if all is well."""
+        """The reason why nothing more is printed, e.g. the reader has ended; None without one."""
         return self._background.error
 
     def close(self) -> str:

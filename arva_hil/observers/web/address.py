@@ -25,15 +25,15 @@ class HostPort(NamedTuple):
 
     @property
     def url(self) -> str:
-        """Of the page, on this computer."""
+        """The URL of the page on this computer."""
         host = {"0.0.0.0": DEFAULT_HOST, "::": "::1"}.get(self.host, self.host)
         return f"http://{self._replace(host=host)}/"
 
 
 def parse_address(text: str, usual: HostPort | None = None) -> HostPort:
-    """HOST:PORT, HOST or PORT; an IPv6 address in brackets. Raises ValueError with what was expected.
+    """Parse HOST:PORT, HOST or PORT; an IPv6 address in brackets. Raises ValueError.
 
-    `usual`: has what the text leaves out.
+    `usual`: the parts that the text leaves out.
     """
     usual, match = usual or HostPort(), _PATTERN.fullmatch(text)
     port = int(match["port"] or match["only"] or usual.port) if match else -1

@@ -13,7 +13,7 @@ from arva_hil.safe_text import one_line
 class Health:
     """Remembers the newest status, which vehicles and links are lost, and why.
 
-    `asked_hz`: the rate that is asked for, by message name. `links`: connection strings by the engine's names.
+    `asked_hz`: the requested rates by message name. `links`: connection strings by the engine's names.
     """
 
     def __init__(self, asked_hz: dict[str, float], links: dict[str, str]) -> None:
@@ -40,7 +40,7 @@ class Health:
             self._asked_hz = {**self._asked_hz, event.stream: event.next_hz}
 
     def forget(self) -> None:
-        """Forget what has happened."""
+        """Forget the past."""
         self._labels.clear()
         self._silent.clear()
         self._vitals.forget()

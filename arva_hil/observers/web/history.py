@@ -1,4 +1,4 @@
-"""A history of bounded size: everything of late, and less and less of what is long ago."""
+"""A history of bounded size: all recent entries, and fewer of the older ones."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ OLD = 3000
 class TextHistory:
     """Remembers JSON texts in order, each with the version of the state in which it came.
 
-    The newest `recent` are all there. Of those before, every n-th is kept; n doubles whenever there are more than
-    `old`. So a history of any length has at most `recent` + `old` texts.
+    It keeps the newest `recent` texts, and every n-th of the older ones. n doubles whenever there are more than `old`.
+    So a history of any length has at most `recent` + `old` texts.
     """
 
     def __init__(self, recent: int = RECENT, old: int = OLD) -> None:
@@ -23,7 +23,7 @@ class TextHistory:
         self._versions: list[int] = []  # of those in _recent
         self._old: list[str] = []
         self._stride = 1
-        self._passed = 0  # how many have left _recent
+        self._passed = 0  # number of texts that have left _recent
 
     def __len__(self) -> int:
         return len(self._old) + len(self._recent)

@@ -1,4 +1,4 @@
-"""JSON texts of the page: numbers rounded, what is no number null, markup escaped."""
+"""JSON texts of the page: numbers are rounded, NaN is null, markup is escaped."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from firmware_proto import Channel
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many decimal places at most; null for None, NaN and infinity."""
+    """Return a number with at most `digits` decimal places; null for None, NaN and infinity."""
     if value is None or not math.isfinite(value):
         return "null"
     return repr(round(value, digits)) if digits else str(round(value))

@@ -1,4 +1,4 @@
-"""The observer for the page in a browser: it remembers the events, and a thread of its own does the rest."""
+"""The observer for the page in a browser. It queues the events; a thread of its own does the rest."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
 from arva_hil.observers.web.state import State
 
-_UPDATE_S: Final = 0.1  # while a browser asks
+_UPDATE_S: Final = 0.1  # between updates while a browser is connected
 _IDLE_S: Final = 0.5
-_LOOKING_S: Final = 3.0  # after the last request
+_LOOKING_S: Final = 3.0  # a browser counts as connected for this time after a request
 _FIELD_S: Final = 2.0  # between two pictures of the field
-_LAST_S: Final = 1.5  # at most, until browsers have the end of the run
+_LAST_S: Final = 1.5  # longest wait until browsers have the end of the run
 _SENT_S: Final = 0.05  # until an answer is sent
 _MOST_WAITING: Final = 100_000  # events
-_SWITCH_S: Final = 0.0005  # the longest that the loop waits for a thread of the page that computes
+_SWITCH_S: Final = 0.0005  # the longest wait of the loop for a computing thread of the page
 
 
 class WebPage:
     """Serves the page of one run from `address` on. Raises WebError.
 
-    `observe` only puts the event into a queue of bounded size. Remembers when each connection has asked last.
+    `observe` only puts the event into a queue of bounded size. Remembers the last request of each connection.
     """
 
     def __init__(self, address: HostPort, state: State) -> None:
@@ -82,7 +82,7 @@ class WebPage:
             batch.append(self._waiting.popleft())
         try:
             self._show(batch)
-        except Exception as error:  # the page goes on with what comes next
+        except Exception as error:  # the page continues with the next events
             self.state.fail(repr(error))
 
     def _show(self, batch: list[Event]) -> None:

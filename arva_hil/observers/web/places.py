@@ -1,4 +1,4 @@
-"""The one map of all vehicles: each has its own datum, and a search its take-off point."""
+"""The common map of all vehicles: each has its own datum, and a search its take-off point."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ HERE: Offset = (0.0, 0.0, 0.0)
 
 
 class Places:
-    """Remembers the origin of the map, which is the first place put, and the other origins in that map."""
+    """Remembers the origin of the map, which is the first place added, and the other origins in that map."""
 
     def __init__(self) -> None:
         self.origin: tuple[float, float, float] | None = None  # degrees, degrees, metres AMSL

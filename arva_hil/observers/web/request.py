@@ -19,7 +19,7 @@ _FIELD: Final = re.compile(r"([\w!#$%&'*+.^`|~-]+):[ \t]*(.*)", re.ASCII)
 
 
 class Refused(ArvaError):
-    """A request is not answered. `status`: of HTTP; `str()` says why."""
+    """A request that is not answered. `status`: of HTTP; `str()`: the reason."""
 
     def __init__(self, status: HTTPStatus, why: str = "") -> None:
         super().__init__(why or status.phrase)
@@ -36,7 +36,7 @@ class Request(NamedTuple):
     is_last: bool  # the connection ends after the answer
 
     def refuse_others(self, host: str, here: str) -> None:
-        """Raise Refused for a page elsewhere, whose host name leads here or that calls us.
+        """Raise Refused for a request of another page, or for a host name that is not ours.
 
         `host`: that the server was bound to. `here`: the address that was connected to.
         """
@@ -72,7 +72,7 @@ def parse_request(data: bytearray, end: int) -> Request:
 
 
 def _ends(headers: Mapping[str, Sequence[str]]) -> bool:
-    """Return True if no request can follow: the client says so, or a body comes, which would be taken for one."""
+    """Return True if no request can follow: the client closes, or sends a body, which would be parsed as a request."""
     wishes = headers.get("connection", [])
     has_body = headers.get("content-length", ["0"]) != ["0"] or "transfer-encoding" in headers
     return has_body or any("close" in wish.lower() for wish in wishes)

@@ -43,9 +43,9 @@ class _Victim(NamedTuple):
 
 
 class SearchView:
-    """Remembers the newest belief, the place found, and the phase of a search; None in `document` before the first.
+    """Remembers the newest belief, the place found, and the phase of a search. `document` has None before the first.
 
-    `vehicle`: whose it is, "" if there is one only.
+    `vehicle`: its name, "" if there is only one.
     """
 
     def __init__(self, places: Places, vehicle: str = "") -> None:
@@ -72,7 +72,7 @@ class SearchView:
                 self._heard[event.transmitter] = (event.north_m, event.east_m, event.distance_m)
         elif isinstance(event, searches.TransmitterChosen):
             self._target = event.transmitter
-            self._found = None  # it goes on to the next
+            self._found = None  # the search continues with the next
         elif isinstance(event, searches.SearchBegun):
             self._begun_s, self._wanted = event.time_s, event.wanted
         elif isinstance(event, searches.VictimNoted):

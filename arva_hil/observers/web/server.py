@@ -1,6 +1,6 @@
-"""The page's HTTP server: GET and HEAD of a few names, for browsers that asked this very host.
+"""The page's HTTP server: GET and HEAD of a few names, only for requests to this host's own names.
 
-The names of files are those of `page/`, read once. Nothing that a client sends chooses a file or changes anything.
+It serves the files of `page/`, read once. A client cannot choose another file or change anything.
 One thread serves all connections and pauses after each step, so that an attack cannot delay the loop.
 """
 
@@ -20,7 +20,7 @@ from arva_hil.errors import ArvaError
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.request import MOST_HEAD, Refused, Request, parse_request
 
-TRIED: Final = 20  # ports, from the one wanted on
+TRIED: Final = 20  # ports to try, from the requested one on
 
 _TYPES: Final = {
     ".html": "text/html; charset=utf-8",
@@ -40,9 +40,9 @@ _HEADERS: Final = (
     "Cross-Origin-Resource-Policy: same-origin\r\n"
     "Cross-Origin-Opener-Policy: same-origin\r\n"
 )
-_TIMEOUT_S: Final = 5.0  # for a whole request to come, and for a whole answer to be taken
+_TIMEOUT_S: Final = 5.0  # for a whole request to arrive, and for a whole answer to be accepted
 _MOST_CLIENTS: Final = 64  # connections
-_MOST_ANSWERS: Final = 1 << 26  # bytes of answers that wait to be taken
+_MOST_ANSWERS: Final = 1 << 26  # bytes of waiting answers
 _RECEIVE_BUFFER: Final = MOST_HEAD  # bytes of a connection that the system keeps
 _PAUSE_S: Final = 0.0005  # after each step, for the loop
 _POLL_S: Final = 0.05  # between checks of deadlines
@@ -61,7 +61,7 @@ class Content(NamedTuple):
 
 
 Source = Callable[[Mapping[str, str], int], bytes]
-"""Makes the JSON of one name, by the query of the request and the number of its connection."""
+"""Makes the JSON of one name for a query and the number of a connection."""
 
 
 def pages() -> dict[str, Content]:
@@ -77,26 +77,26 @@ def pages() -> dict[str, Content]:
 
 
 class _Connection:
-    """One client: the bytes of its next request, and what is left of the answer to its last one."""
+    """One client: the bytes of its next request, and the rest of the last answer."""
 
     def __init__(self, client: socket.socket, due_s: float) -> None:
         self.socket = client
         self.due_s = due_s  # the end of the request, or of the answer
         self.asked = bytearray()
         self.rest: list[bytes] = []
-        self.sent = 0  # of the first of them
+        self.sent = 0  # bytes of the first one that were sent
         self.is_last = False  # it ends after this answer
-        self.is_over = False  # what comes now is dropped, so that the last answer arrives
+        self.is_over = False  # further bytes are dropped, so that the last answer arrives
 
 
 class Server:
     """Serves until it is closed, in a thread of its own that never keeps the program from ending.
 
-    `sources`: what makes the JSON of each name. Port 0 is any free one. If the port is taken, the next free one is
-    used; `address` says which. Raises WebError if none of them is free, or the host is not one of this computer.
+    `sources`: the makers of the JSON of each name. Port 0 is any free port. If the port is taken, the next free one is
+    used: see `address`. Raises WebError if no port is free, or the host is not an address of this computer.
 
-    Each request and each answer has `_TIMEOUT_S` as a whole. Of too many connections, or of those with too many bytes
-    of answers, the one ends whose deadline is next.
+    Each whole request and each whole answer has `_TIMEOUT_S`. If there are too many connections or waiting bytes, the
+    connection with the next deadline is closed.
     """
 
     def __init__(self, wanted: HostPort, sources: Mapping[str, Source], clock: Clock | None = None) -> None:
@@ -131,7 +131,7 @@ class Server:
         self._listener.close()
 
     def _step(self, connection: _Connection | None) -> None:
-        """Do one thing for a connection, or accept one. A client that is gone or too slow is no news."""
+        """Do one step for a connection, or accept one. A client that has left or is too slow is not reported."""
         try:
             if connection is None:
                 self._accept()
@@ -141,7 +141,7 @@ class Server:
                 self._receive(connection)
         except BlockingIOError:
             pass
-        except Exception:  # also of a document that cannot be made
+        except Exception:  # also if a document cannot be made
             self._drop(connection)
 
     def _accept(self) -> None:
@@ -212,12 +212,12 @@ class Server:
             self._answer(connection)
 
     def _turn(self, connection: _Connection, what: int) -> None:
-        """Wait for the next request, or for the answer to be taken; from now on it has the whole time."""
+        """Wait for the next request, or for the answer to be accepted, with the whole time from now on."""
         connection.due_s = self._clock.now() + _TIMEOUT_S
         self._selector.modify(connection.socket, what, connection)
 
     def _bound_answers(self) -> None:
-        """Drop connections until the answers that wait are small enough. One that several wait for counts once."""
+        """Drop connections until the waiting answers are small enough. A common answer counts once."""
         waiting = sorted((one for one in self._open if one.rest), key=lambda one: one.due_s)
         while len(waiting) > 1 and _size(waiting) > _MOST_ANSWERS:
             self._drop(waiting.pop(0))

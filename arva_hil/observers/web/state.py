@@ -19,9 +19,9 @@ from arva_hil.observers.web.truth import TransmitterView
 from arva_hil.safe_text import one_line
 
 _MOST_EVENTS: Final = 200
-_MOST_FRAMES: Final = 2000  # of one update; of more, as of a replay at full speed, every n-th is kept
+_MOST_FRAMES: Final = 2000  # of one update; of more, e.g. in a fast replay, keep every n-th
 _MOST_RECEIVERS: Final = 64
-_KEPT: Final = 16  # documents, one for each version that clients ask from
+_KEPT: Final = 16  # documents, one for each version of the clients
 _KAPPA_EQ: Final = 1.542
 
 Key = tuple[str, str]  # vehicle, receiver
@@ -67,7 +67,7 @@ class State:
         self.version = 1
         self.health = Health(dict(asked_hz or {}), dict(links or {}))
         self.places = Places()
-        self._alone = kind == "search"  # without an emulator: the page has their own frames and vehicles
+        self._alone = kind == "search"  # without an emulator: frames and vehicles are the searches' own
         self._about = {
             "run": secrets.token_hex(4),
             "kind": kind,
@@ -92,7 +92,7 @@ class State:
     # -- in ------------------------------------------------------------------------------------------------
 
     def update(self, events: Iterable[Event]) -> None:
-        """Take what has happened since the last update."""
+        """Use the events since the last update."""
         batch = list(events)
         if not batch:
             return
@@ -114,14 +114,14 @@ class State:
             self._take_frames(key, made)
 
     def put(self, key: Key, frames: int, texts: Iterable[str], faults: Iterable[str], down_m: float | None) -> None:
-        """Replace a receiver's readings. `frames`: how many they stand for."""
+        """Replace a receiver's readings. `frames`: the number of frames that they represent."""
         receiver = self._receivers.setdefault(key, _ShownReceiver())
         receiver.history = TextHistory()
         receiver.history.extend(texts, self.version)
         receiver.frames, receiver.faults, receiver.down_m = frames, tuple(faults), down_m
 
     def forget(self) -> None:
-        """Forget what has happened, but not where things are."""
+        """Forget the events, but not the places."""
         self.health.forget()
         self._searches.clear()
         self._events = TextHistory(_MOST_EVENTS, 0)
@@ -129,7 +129,7 @@ class State:
         self._new_version()
 
     def end(self, how: str, *, failed: bool = False) -> None:
-        """End the run with its result. `failed`: by a failure."""
+        """End the run with its result. `failed`: the run has failed."""
         self._ended, self._failed = one_line(how), failed
         self._new_version()
 
@@ -197,7 +197,7 @@ class State:
             self._new_version()
 
     def field(self) -> bytes:
-        """`/field.json`."""
+        """Return `/field.json`."""
         return self._truth.lines
 
     def notice_of(self, event: Event) -> Notice | None:
@@ -207,7 +207,7 @@ class State:
     # -- out -----------------------------------------------------------------------------------------------
 
     def document(self, since: int = 0) -> bytes:
-        """`/state.json`: what is new after version `since`; everything if that is unknown or too long ago."""
+        """Return `/state.json`: the changes since version `since`; everything if that version is unknown or too old."""
         if not 0 < since <= self.version:
             since = 0
         if since not in self._documents:

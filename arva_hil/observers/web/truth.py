@@ -20,7 +20,7 @@ _HEIGHT_M: Final = 2.5  # of the plane of the lines, before there is a pose
 
 
 class TransmitterView:
-    """Remembers where the transmitters are, and the lines that were drawn last with their `version`.
+    """Remembers the places of the transmitters, and the last lines with their `version`.
 
     `text`: the transmitters as JSON. `lines`: `/field.json`.
     """
@@ -38,7 +38,7 @@ class TransmitterView:
         self._drawn: tuple[Transmitters, float] | None = None
 
     def observe(self, report: StatusReport) -> None:
-        """Take where the transmitters are now."""
+        """Use the present places of the transmitters."""
         changed = False
         for vehicle in report.vehicles:
             there = next((r.transmitters for r in vehicle.receivers if r.transmitters is not None), None)
@@ -53,7 +53,7 @@ class TransmitterView:
             self.text = _text(self._there, self._owners)
 
     def draw(self, down_m: float | None) -> bool:
-        """Compute the lines again if transmitters or the plane have moved. Returns whether they have.
+        """Compute the lines again if transmitters or the plane have moved. Return True if they have.
 
         `down_m`: of the receiver, NED in the map; None if it is not known.
         """
@@ -76,7 +76,7 @@ class TransmitterView:
         return True
 
     def _merged(self) -> Transmitters:
-        """Return the transmitters of all vehicles, those that are at the same place once."""
+        """Return the transmitters of all vehicles, each place once."""
         every: dict[tuple[Any, ...], tuple[int, Any, Any, float]] = {}
         owners: dict[tuple[Any, ...], list[str]] = {}
         unplaced = set()

@@ -1,4 +1,4 @@
-"""A record on the page: what there was to see at any time of the run."""
+"""A record on the page: the state at any time of the run."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
 from arva_hil.records.reading.receivers import NO_ID
 from arva_hil.records.reading.values import mapping, number, text
 
-_THINNED: Final = 3000  # readings that stand for all of them
+_THINNED: Final = 3000  # readings that represent all
 _NEWEST: Final = 100  # before the chosen time, all kept
 ONE: Final = ("vehicle", "receiver")  # the names in a run of one receiver
 
 
 class RecordedState(State):
-    """The state of a recorded run at a time of its clock. `show` sets that time; any order will do.
+    """The state of a recorded run at a time of its clock. `show` sets that time, in any order.
 
     Remembers the chosen time, and the JSON texts of some readings of every receiver.
     """
@@ -62,7 +62,7 @@ class RecordedState(State):
             self._columns["vehicle", "receiver"] = _StepTexts(recording.search)
 
     def document(self, since: int = 0) -> bytes:
-        """See `State`; always everything, unless nothing has changed."""
+        """See `State`. Returns everything if anything has changed."""
         return super().document(since if since == self.version else 0)
 
     def show(self, time_s: float) -> None:
@@ -84,7 +84,7 @@ class RecordedState(State):
         self.draw_field()
 
     def notice_of(self, event: Event) -> Notice | None:
-        """See `State`: as it was printed in the run."""
+        """Return the notice that was printed in the run: see `State`."""
         return self._notices.get(id(event))
 
     def _recorded_events(self) -> Iterator[Event]:
@@ -122,7 +122,7 @@ class RecordedState(State):
                 self.places.put(vehicle or ONE[0], datum.lat, datum.lon, datum.alt)
 
     def _offsets(self, receiver: RecordedReceiver) -> NDArray[np.float64]:
-        """(N, 3) of the datum of each reading in the map, NED, metres."""
+        """Return the datum of each reading in the map (N, 3), NED, metres."""
         datums = self._recording.datums.get(receiver.vehicle, ())
         if not datums or self.places.origin is None:
             return np.zeros((len(receiver), 3))
@@ -133,7 +133,7 @@ class RecordedState(State):
         return offsets
 
     def _report(self, time_s: float) -> Iterator[Event]:
-        """Yield the newest status, with where the transmitters were."""
+        """Yield the newest status, with the places of the transmitters."""
         at = bisect.bisect_right(self._status, time_s, key=lambda pair: pair[0])
         said = self._recording.status[self._status[at - 1][1]] if at else {}
         of = {text(one.get("name")): one for one in _objects(said.get("vehicles"))}
@@ -157,7 +157,7 @@ class RecordedState(State):
 
 
 class _ReadingTexts:
-    """The readings of one receiver as JSON texts: some of all, made once, and the newest, made when they are asked for.
+    """The readings of one receiver as JSON texts: a selection, made once, and the newest, made on request.
 
     `offsets` (N, 3): of the datum in the map.
     """
@@ -221,7 +221,7 @@ class _StepTexts:
 
 
 def _some(count: int) -> list[int]:
-    """Return the numbers of at most `_THINNED` of so many things, evenly spread."""
+    """Return at most `_THINNED` indices of `count` items, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, _THINNED)).astype(int)).tolist() if count else []
 
 

@@ -1,4 +1,4 @@
-"""The state of a vehicle as it reports it: mode, battery, GPS, estimator, and the age of its newest packet."""
+"""The state that a vehicle reports: mode, battery, GPS, estimator, and the age of its newest packet."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Vitals:
         self._newest.clear()
 
     def checks(self, source: Source | None, now: float) -> list[Check]:
-        """Return the lines of a vehicle; none of what it does not report."""
+        """Return the lines of a vehicle; none for values that it does not report."""
         if source not in self._heard_s:
             return []
         said = {id_: decode(packet) for id_, packet in self._newest.get(source, {}).items()}

@@ -30,7 +30,7 @@ _NO_ANGLE = np.full(3, np.nan)
 
 
 class RecordedSchedule(Schedule):
-    """Frames at recorded instants, seconds from the start of the record. A model cannot bring one forward."""
+    """Frames at recorded instants, seconds from the start of the record. A model cannot request earlier ones."""
 
     def __init__(self, times: Sequence[float]) -> None:
         self._times = times

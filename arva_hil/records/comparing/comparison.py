@@ -25,7 +25,7 @@ _ANGLES_DEG: Final = (-90, -45, 0, 45, 90)
 _PARTS: Final = 6  # of the time
 _MOST_LAG_S: Final = 3.0
 _LAG_STEP_S: Final = 0.05
-_FAR_M: Final = 20.0  # a place that is wrong by more is named
+_FAR_M: Final = 20.0  # report a place with a larger error
 _MAD: Final = 1.4826  # scales a median of absolute deviations to a standard deviation
 
 
@@ -51,8 +51,8 @@ class Comparison:
     """The readings of one transmitter side by side. `id` is None if the frames have no ids.
 
     `both`, `first_only`, `second_only`: frames in which both, or only one, received it. `lag_s`: the first is later by
-    this; None if unknown. `groups`: residuals by "range", "zone", "angle" and "time". `hints`: what is
-    probably wrong. `time_s`, `first_m`, `second_m`, `first_deg`, `second_deg`, `range_m`: (N,) for pictures, NaN where
+    this; None if unknown. `groups`: residuals by "range", "zone", "angle" and "time". `hints`: probable
+    mistakes. `time_s`, `first_m`, `second_m`, `first_deg`, `second_deg`, `range_m`: (N,) for pictures, NaN where
     not received.
     """
 
@@ -105,7 +105,7 @@ def compared(
 
 
 def _ids(one: RecordedReceiver, two: RecordedReceiver) -> Iterator[tuple[int, int]]:
-    """Yield the ids of each transmitter in both. Frames without ids are those of the nearest transmitter."""
+    """Yield the ids of each transmitter in both. Frames without ids are of the nearest transmitter."""
     nameless = [not receiver.ids and bool((receiver.zone > 0).any()) for receiver in (one, two)]
     if any(nameless):
         first, second = (_nearest(receiver) for receiver in (one, two))
@@ -189,7 +189,7 @@ def _spread(label: str, c: _Columns, here: Mask) -> Spread | None:
 
 
 def wrapped_half(degrees: Floats) -> Floats:
-    """Angles in [−90, 90): a receiver does not distinguish front and back."""
+    """Return angles in [−90, 90): a receiver does not distinguish front and back."""
     return (degrees + 90) % 180 - 90
 
 
@@ -215,7 +215,7 @@ def _parts(time_s: Floats) -> Sequence[float]:
 
 
 def _lost(receiver: RecordedReceiver) -> int:
-    """Frames that are missing in the sequence."""
+    """Return the number of frames missing in the sequence."""
     numbers = receiver.sequence.tolist()
     return sum(missing(a % 256, b % 256) for a, b in pairwise(numbers) if (b - a) % 256 > 1)
 
@@ -249,7 +249,7 @@ def _misfit(residual: Floats) -> float:
 
 
 def _hints(one: RecordedReceiver, two: RecordedReceiver, pairs: Paired, c: _Columns, id_2: int) -> list[str]:
-    """Sentences on probable mistakes."""
+    """Return sentences on probable mistakes."""
     hints = []
     name = "the transmitter" if id_2 == NO_ID else f"transmitter {id_2}"
     d_m, range_m = c.first[0], c.second[3]

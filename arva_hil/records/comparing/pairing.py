@@ -1,4 +1,4 @@
-"""Frames of two records that belong together: of the same instant of one flight, or of the same place in two."""
+"""Pairs of frames of two records: of one instant of the same flight, or of one place in two flights."""
 
 from __future__ import annotations
 

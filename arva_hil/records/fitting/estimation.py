@@ -48,7 +48,7 @@ class Part(NamedTuple):
     bad: Floats
 
     def every(self, step: int) -> Part:
-        """Return every so many readings."""
+        """Return every `step`-th reading."""
         keep = np.arange(len(self.flight)) % step == 0
         return Part(self.flight.part(keep), self.bad[keep])
 
@@ -75,7 +75,7 @@ class Estimation:
         self.log_likelihood_gain = 0.0
 
     def solve(self) -> None:
-        """FittedValue the parameters and the scatter."""
+        """Fit the parameters and the scatter."""
         self._start()
         for number in range(_ROUNDS):
             self._choose()
@@ -132,7 +132,7 @@ class Estimation:
     def jacobian(self, part: Part, theta: Floats, linear: Linear) -> Floats:
         """Return the derivatives of the residuals by the parameters.
 
-        Those by places come from `linear`: then an error of GPS that is constant looks exactly like another place.
+        Those by places come from `linear`: so a constant error of GPS has exactly the effect of another place.
         """
         rows = self._rows(part, theta)
         _, body = part.flight.poses(float(theta[1]))
@@ -164,7 +164,7 @@ class Estimation:
         return np.concatenate([log_d, delta[self._has_delta(part.flight)]])
 
     def _change(self, part: Part, theta: Floats, rows: Floats, shift: Floats | float = 0.0) -> Floats:
-        """Residuals elsewhere minus `rows`; those of δ are not half a turn away."""
+        """Return the residuals at shifted places minus `rows`; those of δ are not half a turn away."""
         change = self._rows(part, theta, shift) - rows
         n = len(part.flight)
         change[n:] = (change[n:] + math.pi / 2) % math.pi - math.pi / 2
@@ -286,14 +286,14 @@ class Estimation:
         return bool(small.all())
 
     def noise_covariance(self) -> Floats:
-        """Of the logarithms of the scatter."""
+        """Return the covariance of the logarithms of the scatter."""
         values, vectors = np.linalg.eigh(self._noise_information)
         result: Floats = (vectors / np.maximum(values, 1e-3)) @ vectors.T
         return result
 
 
 def _second_derivatives(cost: Callable[[Floats], float], at: Floats) -> Floats:
-    """Half the matrix of second derivatives: the information, if the cost is −2 ln likelihood."""
+    """Return half the matrix of second derivatives: the information, if the cost is −2 ln likelihood."""
     step, n = 0.15, len(at)
     middle = cost(at)
     result = np.zeros((n, n))

@@ -19,12 +19,12 @@ from arva_hil.records.fitting.scatter import Gps
 
 MODELS = ("paper", "pulsed", "rssi")
 
-_WIDE = 0.7  # of the logarithm of the noise: a scatter that is less known is not identified
-_LIKE = 0.75  # a correlation above it is named
+_WIDE = 0.7  # largest sigma of the logarithm of the noise; a scatter with more is not identified
+_LIKE = 0.75  # report a larger correlation
 
 
 def fit(flights: Sequence[RecordedFlight], model: str, gps: Gps) -> ReceiverFit:
-    """ReceiverFit all flights together. Raises FitError if they are of different transmitters."""
+    """Fit all flights together. Raises FitError if they are of different transmitters."""
     if model not in MODELS:
         raise FitError(f"no fit for the model {model!r}; there are {', '.join(MODELS)}")
     if len({flight.ids for flight in flights}) > 1:

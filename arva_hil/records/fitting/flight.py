@@ -37,12 +37,13 @@ class FitError(ArvaError):
 class RecordedFlight:
     """The readings of a flight, NED from its datum.
 
-    `time_s` (N,): of each reading's frame. `who` (N,): index into `ids`. `d_m`, `delta` [rad] (N,): δ is NaN in the
-    inner zone and for receivers of one antenna. `inner` (N,): the third antenna counts.
-    `track_s` (T,), `track` (T, 3), `attitude` (T, 4): the vehicle's poses; neighbours have quaternions of one sign.
-    `heard_until_m`: the largest d, if the transmitter was lost beyond; else None. `near_m`: the largest d of the inner
-    zone; None without.
-    `places`: surveyed places by id.
+    - `time_s` (N,): time of each reading's frame. `who` (N,): index into `ids`.
+    - `d_m`, `delta` [rad] (N,): δ is NaN in the inner zone and for receivers of one antenna.
+    - `inner` (N,): True if the third antenna counts.
+    - `track_s` (T,), `track` (T, 3), `attitude` (T, 4): the vehicle's poses; neighbours have quaternions of one sign.
+    - `heard_until_m`: the largest d if the transmitter was lost beyond it; otherwise None.
+    - `near_m`: the largest d of the inner zone; None without one.
+    - `places`: surveyed places by id.
     """
 
     name: str
@@ -71,7 +72,7 @@ class RecordedFlight:
         return len(self.time_s)
 
     def part(self, keep: NDArray[np.bool_]) -> RecordedFlight:
-        """Some of the readings."""
+        """Return some of the readings."""
         from dataclasses import replace
 
         return replace(
@@ -84,7 +85,7 @@ class RecordedFlight:
         )
 
     def poses(self, latency_s: float) -> tuple[Floats, Floats]:
-        """Positions (N, 3) and rotations body → NED (N, 3, 3) at the readings, `latency_s` before their frames."""
+        """Return positions (N, 3) and rotations body → NED (N, 3, 3), `latency_s` before the frames of the readings."""
         at = self.time_s - latency_s
         position = np.stack([np.interp(at, self.track_s, column) for column in self.track.T], axis=1)
         q = np.stack([np.interp(at, self.track_s, column) for column in self.attitude.T], axis=1)
@@ -144,7 +145,7 @@ def flight_of(recording: Recording) -> RecordedFlight:
 
 
 def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
-    """Times, positions and attitudes of the vehicle, as it reported them; and the frame of its datum."""
+    """Return times, positions and attitudes that the vehicle reported, and the frame of its datum."""
     scenario = Scenario((), source=str(recording.folder))
     setup = one_vehicle(scenario, Session(passive=True))
     world = VehicleWorld(setup, {}, start=0.0, max_age_s=MOST_GAP_S)
@@ -169,14 +170,14 @@ def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
 
 
 def with_near_signs(quaternions: Floats) -> Floats:
-    """Return the same rotations (T, 4), each with the sign nearer to the one before, to interpolate."""
+    """Return the same rotations (T, 4), each with the sign nearer to the previous one, for interpolation."""
     turned = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
     signs = np.cumprod(np.where(turned == 0, 1, turned))
     return np.vstack([quaternions[:1], quaternions[1:] * signs[:, None]])
 
 
 def _covered(time_s: Floats, track_s: Floats) -> NDArray[np.bool_]:
-    """True where the track has poses before and after a time."""
+    """Return True for each time with poses before and after it in the track."""
     after = np.clip(np.searchsorted(track_s, time_s), 1, len(track_s) - 1)
     gap = np.minimum(np.abs(track_s[after] - time_s), np.abs(track_s[after - 1] - time_s))
     covered: NDArray[np.bool_] = gap <= MOST_GAP_S

@@ -1,4 +1,4 @@
-"""Advice: the parameters that the flights do not tell, and the pass that would tell most of them."""
+"""Advice: the parameters that the flights do not determine, and the pass that determines most of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from arva_hil.records.fitting.result import ReceiverFit
 from arva_hil.records.fitting.scatter import covariance
 
 _LENGTH_S: Final = 60.0
-_WORTH: Final = 0.8  # of the uncertainty: a pass that leaves more is not worth its time
+_WORTH: Final = 0.8  # recommend a pass only if it leaves less than this share of the uncertainty
 
 Path = Callable[[Floats], tuple[Floats, Floats]]
 """Time (T,) → offsets from the transmitter (T, 3) NED [m], heading (T,) [rad]."""
@@ -79,7 +79,7 @@ def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
 
 
 def _information(problem: Estimation, path: Path) -> Floats:
-    """Return the information of a minute on a path around the first transmitter, one reading a second."""
+    """Return the information of a minute on a path around the first transmitter, at one reading a second."""
     names = [parameter.name for parameter in problem.parameters]
     first = names.index(f"{problem.names[0]} north")
     place = problem.theta[first : first + 3]

@@ -1,4 +1,4 @@
-"""The parameters of a fit: their names, units, what is known before, and what is known after."""
+"""The parameters of a fit: their names, units, priors and estimates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from arva_hil.records.fitting.flight import Floats, RecordedFlight
 from arva_hil.records.reading.receivers import NO_ID
 
-TOLD: Final = 0.4  # of the uncertainty before: a parameter with less afterwards is identified
+TOLD: Final = 0.4  # a parameter is identified if less than this share of the prior uncertainty is left
 Z_95: Final = 1.96
 
 
@@ -31,8 +31,8 @@ class Parameter(NamedTuple):
 class FittedValue:
     """A parameter after the fit, in its unit: the value, and the limits of its 95 % interval.
 
-    `identified`: the flight tells it. If not, `like` names the parameter that it cannot be told from, "" for none, and
-    the value is little more than what was assumed.
+    `identified`: the flight determines it. If not, the value is close to the prior; `like`: the parameter that cannot
+    be separated from it, "" for none.
     """
 
     name: str
@@ -54,7 +54,7 @@ def name_of(id_: int) -> str:
 
 
 def receiver_parameters(model: str) -> list[Parameter]:
-    """Return those of the receiver."""
+    """Return the parameters of the receiver."""
     degrees = 180 / math.pi
     every = [
         Parameter("kappa_eq", math.log(1.542), 1.0, logarithm=True),
@@ -70,7 +70,7 @@ def receiver_parameters(model: str) -> list[Parameter]:
 
 
 def transmitter_parameters(flights: list[RecordedFlight], id_: int, start: Floats, *, first: bool) -> list[Parameter]:
-    """Return those of one transmitter. `start`: its place, yaw and pitch from the search for a start."""
+    """Return the parameters of one transmitter. `start`: its place, yaw and pitch from the search for a start."""
     degrees, name = 180 / math.pi, name_of(id_)
     surveyed = next((flight.places[id_] for flight in flights if id_ in flight.places), None)
     place, sigma = (start[:3], 30.0) if surveyed is None else (surveyed, 0.3)

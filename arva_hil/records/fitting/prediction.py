@@ -62,7 +62,7 @@ class Predictor:
         return lambda name, default=0.0: float(theta[self._at[name]]) if name in self._at else default
 
     def _dipoles(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Places (M, 3), and moments (M, 3) as `field_of` wants them."""
+        """Return places (M, 3), and moments (M, 3) for `field_of`."""
         get = self._get(theta)
         places, moments = [], []
         for name in self._ids:
@@ -75,6 +75,6 @@ class Predictor:
 
 
 def residuals(flight: RecordedFlight, predicted: Predicted) -> tuple[Floats, Floats]:
-    """Ln d and δ (N,), recorded minus predicted; δ in [−90°, 90°), NaN where there is none."""
+    """Return ln d and δ (N,), recorded minus predicted; δ in [−90°, 90°), NaN without one."""
     turn = flight.delta - predicted.delta
     return np.log(flight.d_m) - predicted.log_d, (turn + math.pi / 2) % math.pi - math.pi / 2

@@ -37,7 +37,7 @@ class ReceiverFit:
 
     @property
     def unidentified(self) -> list[FittedValue]:
-        """The parameters that the flights do not tell."""
+        """The parameters that the flights do not determine."""
         return [one for one in self.estimates.values() if not one.identified]
 
     def as_json(self) -> dict[str, Any]:

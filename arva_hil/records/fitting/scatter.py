@@ -34,7 +34,7 @@ class Scatter:
 
     @property
     def theta(self) -> Floats:
-        """Logarithms, for a search."""
+        """The logarithms of the scatter, for a numeric search."""
         return np.log([self.x, self.y, self.age_s])
 
     @classmethod
@@ -100,7 +100,7 @@ def own_covariance(
 
 
 def minus_log_likelihood(matrix: Floats, residual: Floats, jacobian: Floats) -> float:
-    """−2 ln of the restricted likelihood, up to a constant; infinity for an impossible covariance."""
+    """Return −2 ln of the restricted likelihood, up to a constant; infinity for an impossible covariance."""
     from scipy.linalg import LinAlgError, cho_solve, cholesky
 
     try:

@@ -1,4 +1,4 @@
-"""A start for the fit: the place and the attitude of a transmitter, by trying many."""
+"""The start of a fit: the place and the attitude of a transmitter, the best of many candidates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DOWN_M: Final = (0.0, 1.5, -2.0)
 
 
 def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None) -> list[Floats]:
-    """Starts for one transmitter, the best first: north, east, down, yaw, pitch, ln κ, mount yaw. `index`: which."""
+    """Return starts for transmitter `index`, the best first: north, east, down, yaw, pitch, ln κ, mount yaw."""
     mine = flight.part(flight.who == index)
     some = mine.part(np.isin(np.arange(len(mine)), np.linspace(0, len(mine) - 1, _READINGS).astype(int)))
     position, body = some.poses(_LATENCY_S)
