@@ -27,8 +27,8 @@ from arva_hil.safe_text import one_line
 
 _PLAIN_S: Final = 10.0  # between lines if stderr is no terminal
 _LIVE_S: Final = 0.1  # between updates on a terminal
-_RETURN_S: Final = 300.0  # a scheduler that goes is waited for
-_MOST: Final = 200_000  # trials in one run: all of their results are in its memory
+_RETURN_S: Final = 300.0  # wait this long for a lost scheduler
+_MOST: Final = 200_000  # trials in one run, which keeps all results in memory
 
 
 def main(options: argparse.Namespace) -> int:
@@ -106,9 +106,9 @@ def _fly(
     *,
     within_s: float | None = None,
 ) -> bool:
-    """Fly the remaining trials and save the results. Returns whether a signal ended it early.
+    """Fly the remaining trials and save the results. Return True if a signal ended them early.
 
-    `within_s`: how long a scheduler is waited for.
+    `within_s`: longest wait for a scheduler.
     """
 
     def stopped() -> bool:
@@ -155,7 +155,7 @@ def _say(line: str) -> None:
 
 
 class _Progress:
-    """A display on stderr of how many trials are `done`: a bar on a terminal, a line every few seconds elsewhere."""
+    """A display of the trials `done` on stderr: a bar on a terminal, a line every few seconds elsewhere."""
 
     def __init__(self, total: int, done: int) -> None:
         self.done = self._before = done
@@ -166,7 +166,7 @@ class _Progress:
         self._bar = bar(total, " trials", done=done, shown=self._live)
 
     def show(self) -> None:
-        """Print the progress if it is time for it. Called often."""
+        """Print the progress if it is due. Called often."""
         if self._clock.now() < self._next:
             return
         self._next = self._clock.now() + (_LIVE_S if self._live else _PLAIN_S)

@@ -66,7 +66,7 @@ class Asking:
         self._answers = form.answers()
 
     def service(self, clock: Clock) -> float:
-        """Send, and read what came; a task for the loop."""
+        """Send the command and read the answer. A task for the loop."""
         (link,) = self.links
         data, now = link.read(), clock.now()
         self.sample += data[: SAMPLE_BYTES - len(self.sample)]
@@ -81,7 +81,7 @@ class Asking:
 def _doubt(sample: bytes, format: str) -> str:
     """Return the likely reason for a missing answer."""
     if not sample:
-        return "nothing came at all"
+        return "nothing came"
     if FORMATS[format].decoder().feed(sample, 0.0):
         return "frames come, so this receiver takes no commands, or does not receive any from this program"
     return f"{len(sample)} bytes came, and no frame: {guess_format(sample, format)}"

@@ -37,7 +37,7 @@ from arva_hil.safe_text import shown
 
 
 def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
-    """Return the scenario file or the default, changed as environment and command line say.
+    """Return the scenario file or the default, with the changes of environment and command line.
 
     `fleet`: the command supports `vehicles` in the scenario, whose receivers have their own rate, format and seed.
     """
@@ -130,7 +130,7 @@ def attend(
 class Run:
     """One run without its loop: signal handlers, printer, lines on stdout and recorder.
 
-    A context manager: from when it is made signals go to the loop, so that `drive` can close what was begun.
+    A context manager. Signals go to the loop from its creation on, so that `drive` can close what was begun.
     `patient`: a replay, which waits for a slow disk or terminal, and prints a progress bar instead of a status.
     `lines`: print a line for each frame on stdout, if there is no --json. `live`: print a live status on a terminal.
     `record_links`: the engine's names of the autopilots' links, if there are several. `kind`: of the run, for the page.
@@ -173,11 +173,11 @@ class Run:
             self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
             if self.page:
                 stack.callback(self.page.close, self._how)
-            if options.record:  # last, so that a run that cannot begin leaves no record
+            if options.record:  # last: a run that cannot begin leaves no record
                 self._recorder = Recorder(
                     Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout
                 )
-            stack.pop_all()  # all is there: `drive` and `__exit__` close it
+            stack.pop_all()  # from here on `drive` and `__exit__` close them
         every: tuple[Observer | None, ...] = (self.printer, self._lines, self._recorder, self.page)
         self.observers: list[Observer] = [self, *filter(None, every), *self._plug_ins]
         self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and the traffic instead
@@ -229,10 +229,10 @@ class Run:
     ) -> int:
         """Run `loop` until it ends, fails or a signal comes. Writes record and summary; returns the exit code.
 
-        `counts`, `lines`: what there is to say of the links at the end, for run.json and for a person.
+        `counts`, `lines`: the results of the links at the end, for run.json and for a person.
         """
         failure = None
-        gc.freeze()  # otherwise the garbage collector visits all objects of the start-up, which takes 20 ms
+        gc.freeze()  # the garbage collector would visit all objects of the start-up, which takes 20 ms
         try:
             loop()
             if self._guard.error:
@@ -298,7 +298,7 @@ def _observer(given: tuple[str, Mapping[str, str]]) -> Observer:
 
 @contextmanager
 def run_first() -> Iterator[None]:
-    """Let this thread run before other programs, if the system permits it: set-points do not wait for a processor.
+    """Let this thread run before other programs, if the system permits it, so that set-points come in time.
 
     Threads and processes that it starts do not inherit this. At the end the thread is scheduled as before.
     """

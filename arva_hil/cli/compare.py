@@ -26,7 +26,7 @@ from arva_hil.records.comparing import (
 from arva_hil.records.pictures.style import FORMATS
 from arva_hil.records.reading import RecordedReceiver, Recording
 
-_CLOCKS_S = 0.1  # a larger difference of clocks is said
+_CLOCKS_S = 0.1  # report a larger difference of clocks
 
 
 def main(options: argparse.Namespace) -> int:

@@ -54,7 +54,7 @@ def main(options: argparse.Namespace) -> int:
         _add_options(commands.add_parser(name, help=what), arguments_of(name))
     for name, package in registry.COMMANDS.packages().items():
         parser = commands.add_parser(name, help=f"of the package {package}")
-        with contextlib.suppress(KindError):  # a package that is broken says so when its command is used
+        with contextlib.suppress(KindError):  # a broken package is reported when its command is used
             _add_options(parser, registry.COMMANDS[name].options)
     for line in shtab.complete(root, options.shell).expandtabs().splitlines():
         show(line)

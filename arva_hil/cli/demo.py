@@ -166,7 +166,7 @@ def _alone(options: argparse.Namespace, chosen: Scenario) -> Scenario:
 
 
 def _team(options: argparse.Namespace, base: Scenario) -> Scenario:
-    """Return the scenario of several drones. Raises UsageError for what they cannot do."""
+    """Return the scenario of several drones. Raises UsageError for options that they do not support."""
     if options.victims != 1:
         raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
     if options.count is not None and base.vehicles and options.count != len(base.vehicles):
@@ -201,7 +201,7 @@ def _outcome(drone: Drone, code: int) -> Outcome:
 
 
 def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
-    """Print how the search has ended, and close its log. Returns the exit code."""
+    """Print the end of the search, and close its log. Returns the exit code."""
     (drone,), code, log = flown.loop.drones, flown.code, flown.log
     assert log is not None
     outcome = _outcome(drone, code)
@@ -221,7 +221,7 @@ def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
 
 
 def _end_of_team(flown: Flown) -> int:
-    """Print how each search has ended, and which transmitters were not found. Returns the exit code."""
+    """Print the end of each search, and the transmitters that were not found. Returns the exit code."""
     loop, code = flown.loop, flown.code
     for drone in loop.drones:
         first, *_ = search_report.result(_outcome(drone, code))
@@ -246,7 +246,7 @@ def _errors(drone: Drone, now: float) -> list[str]:
 
 
 def _ptys(stack: ExitStack, clock: Clock) -> Wires:
-    """Make the autopilot's link and the receiver's: each a pseudo-terminal and a serial link opened on it."""
+    """Make the links of autopilot and receiver: each is a pseudo-terminal with a serial link open on it."""
     try:
         vehicle, receiver = (stack.enter_context(closing(PtyLink())) for _ in range(2))
     except LinkError as error:

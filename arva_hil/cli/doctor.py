@@ -33,7 +33,7 @@ from arva_hil.runtime.loop import run
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
 _TRY_S: Final = 1.3  # listen to each baud rate for this time, in which a heartbeat comes
 _ANSWER_S: Final = 2.0  # wait this long for requested streams
-_STAYS: Final = ("permission denied", "busy", "refused")  # the option is right, and the cure is elsewhere
+_STAYS: Final = ("permission denied", "busy", "refused")  # the option is right; the cure is elsewhere
 _FOUND_AT: Final = 27  # column of the findings
 _COLOURS: Final = {"ok": GOOD, "note": DOUBTFUL, "fail": BAD}
 
@@ -45,7 +45,7 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError("--port -: this is stdout, where the findings go; `run` can send frames there")
     guard, clock = SignalGuard(), RealClock()
     with ExitStack() as stack, guard:
-        key = signing(options.signing_key, clock.epoch_us, stack, link=1)  # `run` may go on at the same time
+        key = signing(options.signing_key, clock.epoch_us, stack, link=1)  # `run` may use the key at the same time
         doctor = Doctor(options, parse(address), clock, stack, lambda: guard.caught is not None, key)
         doctor.examine()
     return INTERRUPTED if guard.caught else diagnosis.exit_code(doctor.findings)
@@ -55,7 +55,7 @@ def main(options: argparse.Namespace) -> int:
 class Doctor:
     """One examination of the links.
 
-    It keeps the links, the findings, and the right values of options that were wrong. `stack` closes the links.
+    Remembers the links, the findings, and the right values of wrong options. `stack` closes the links.
     """
 
     options: argparse.Namespace

@@ -104,7 +104,7 @@ class Listener:
         return self.left <= 0
 
     def service(self, clock: Clock) -> float:
-        """Print the frames that came; warn once if none come any more."""
+        """Print the frames; warn once if they stop."""
         now = clock.now()
         for link in self.links:
             self.take(link.read(), now)

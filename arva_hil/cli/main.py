@@ -128,7 +128,7 @@ def _guarded(arguments: list[str]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # do not fail on a terminal without °
     try:
-        run = _command(arguments)  # a signal ends the process at once, see __main__.py
+        run = _command(arguments)  # a signal ends the process at once: see __main__.py
         with outcome.interrupting():
             code = run() if run else outcome.OK
             flush()

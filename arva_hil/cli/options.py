@@ -58,7 +58,7 @@ class CommandParser(argparse.ArgumentParser):
         self._environment: dict[str, argparse.Action] = {}
         self.typed_only: list[str] = []  # flags without an environment variable
         self._given: Sequence[str] = ()
-        self.tells_sources = False  # whether the result has `sources`: where each option was given
+        self.tells_sources = False  # True: the result has `sources`, the place where each option was given
         self.commands_with: Callable[[str], Sequence[str]] = lambda flag: ()  # the other commands that have an option
 
     def option(

@@ -40,7 +40,7 @@ class UsageError(Failure):
 
 
 _SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-_STUCK_S: Final = 1.0  # what goes on for longer after a signal is stuck
+_STUCK_S: Final = 1.0  # after this time since a signal, the program is stuck
 _PACKAGE: Final = Path(__file__).parent.parent
 
 
@@ -48,7 +48,7 @@ _PACKAGE: Final = Path(__file__).parent.parent
 def interrupting() -> Iterator[None]:
     """Raise KeyboardInterrupt at the first signal, as Ctrl-C does. For use outside the loop, where no data can be lost.
 
-    A further signal is ignored, so that what was begun is put away, unless that is stuck.
+    A further signal is ignored, so that the cleanup completes, unless the cleanup is stuck.
     """
     before = _set(_Interrupting().note)
     try:
@@ -89,9 +89,9 @@ class _Interrupting(_FirstSignal):
 class SignalGuard(_FirstSignal):
     """Remembers the first signal in `caught` and the first error of a thread in `error`. The loop must check both.
 
-    A further signal is ignored. If the loop is stuck, it raises KeyboardInterrupt there, unless `ending` is set.
-    What follows a guard inside `interrupting` puts things away, and signals do not raise KeyboardInterrupt there
-    either, unless it is stuck. A guard around this one gets the signals too.
+    A further signal is ignored. If the loop is stuck, it raises KeyboardInterrupt there, unless `ending` is set. Inside
+    `interrupting`, the code after a guard is cleanup: signals raise KeyboardInterrupt there only if it is stuck. A
+    guard around this one gets the signals too.
     """
 
     def __init__(self) -> None:
@@ -126,13 +126,13 @@ class SignalGuard(_FirstSignal):
 
 
 def unexpected_error(error: BaseException) -> str:
-    """Return an unexpected error in one line: what it is, and where in this program."""
+    """Return an unexpected error in one line, with its place in this program."""
     ours = [f for f in traceback.extract_tb(error.__traceback__) if _PACKAGE in Path(f.filename).parents]
     where = f" ({Path(ours[-1].filename).relative_to(_PACKAGE)}:{ours[-1].lineno})" if ours else ""
     try:
         text = str(error)
     except Exception:  # that of a plug-in
-        text = "its own text cannot be had"
+        text = "its text is not available"
     return f"unexpected {type(error).__name__}: {text}{where}"
 
 

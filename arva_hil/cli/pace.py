@@ -1,4 +1,4 @@
-"""A program's pace against its clock: one that should run faster than real time may be too slow for it."""
+"""A program's pace against its clock: the computer may be too slow for real time or a faster run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _BEHIND_S: Final = 0.5  # less changes nothing in a flight
 
 
 class Pace:
-    """A task of the loop that remembers how far behind its clock the loop was at worst. `worst_s`: seconds of it.
+    """A task of the loop that remembers `worst_s`, the largest delay of the loop against its clock.
 
     `start`: of the loop, s on its clock.
     """

@@ -28,7 +28,7 @@ from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 
-_SILENT_S: Final = 2.0  # without a frame, before the first one: it is said
+_SILENT_S: Final = 2.0  # warn after this time without a first frame
 _LOOK_S: Final = 0.5
 
 
@@ -110,7 +110,7 @@ def recorded_in(folder: str, epoch_us: int, known: dict[str, Any], *, patient: b
 
 
 class Ending:
-    """The end of a record: what is missing in it, and run.json."""
+    """The end of a record: its gaps, and run.json."""
 
     def __init__(self, log: ReceiverLog, recorder: Recorder, known: dict[str, Any], format: str) -> None:
         self._log = log
@@ -119,7 +119,7 @@ class Ending:
         self._format = format
 
     def finish(self, code: int, counts: dict[str, int]) -> int:
-        """Close the record and say what is in it. Returns the exit code; raises Failure if something is missing."""
+        """Close the record and print its content. Returns the exit code; raises Failure if something is missing."""
         log, d = self._log, self._log.decoder
         lacks = self._lacks()
         if lacks and code == OK:
@@ -165,7 +165,7 @@ def doubt(log: ReceiverLog, format: str) -> str:
 
 
 class _Watch:
-    """Says once that no frame comes. A task for the loop."""
+    """Warns once if no frame comes. A task for the loop."""
 
     links: tuple[Link, ...] = ()
 

@@ -85,7 +85,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.port and options.out:
         raise UsageError("--port and --out: choose one")
     if options.json and "-" in (options.out, options.port):
-        raise UsageError("--json and the frames both want stdout: choose one")
+        raise UsageError("--json and the frames both go to stdout: choose one")
 
 
 def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:
@@ -120,7 +120,7 @@ class _Tally:
         self._audience = Audience([])
 
     def begin(self, audience: Audience) -> None:
-        """Report to `audience` from here on; first an unusual layout of the log."""
+        """Report to `audience` from now on; first an unusual layout of the log."""
         self._audience = audience
         if not self._log.stamped or self._log.layout != BIG.name:
             audience.emit([LogLayout(0.0, self._log.path, self._log.layout if self._log.stamped else "")])

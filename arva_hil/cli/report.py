@@ -36,7 +36,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _folders(run: str, other: str | None) -> list[str]:
-    """Return the records for the report: those named, or those in a folder that is none itself."""
+    """Return the records for the report: the named ones, or those in a folder of records."""
     if other is not None:
         return [run, other]
     from arva_hil.records.reading import is_record

@@ -1,4 +1,4 @@
-"""The links of `run` and `doctor`: which, whether they fit together, the key for signing, and the command for them."""
+"""The links of `run` and `doctor`: their choice and checks, the key for signing, and the command for them."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
             "or --format tunnel to send them inside MAVLink"
         )
     if options.json and options.port == "-":
-        raise UsageError("--json and --port - both want stdout: choose one")
+        raise UsageError("--json and --port - both go to stdout: choose one")
     check_sides(options.autopilot, options.port, form)
     autopilot = options.autopilot or choose_autopilot(options.port)
     return FleetSides({"autopilot": autopilot}, {}, {} if inside else {"port": options.port})

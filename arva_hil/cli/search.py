@@ -1,4 +1,4 @@
-"""`arva-hil search`: flies one vehicle, or several as a team, each by its receiver, and says how each search ended."""
+"""`arva-hil search`: flies one vehicle, or several as a team, each by its receiver, and prints each outcome."""
 
 from __future__ import annotations
 
@@ -258,7 +258,7 @@ def rows_to(printer: Printer | None, log: SearchLog | None) -> Callable[[SearchS
 
 
 def _end(searchers: Sequence[Searcher], guard: SignalGuard) -> tuple[str, bool]:
-    """Return how the searches have ended, for the page, and True if they have failed."""
+    """Return the end of the searches, for the page, and True if they have failed."""
     outcomes = [one.outcome for one in searchers]
     failed = not guard.caught and exit_code(outcomes) != OK
     if not searchers[0].member.name:
@@ -267,7 +267,7 @@ def _end(searchers: Sequence[Searcher], guard: SignalGuard) -> tuple[str, bool]:
 
 
 def _tell_ends(searchers: Sequence[Searcher], printer: Printer, guard: SignalGuard, started_us: float) -> int:
-    """Say how each search has ended, and close its log. Returns the exit code."""
+    """Print the end of each search, and close its log. Returns the exit code."""
     outcomes = {one.member.name: one.outcome for one in searchers}
     code = INTERRUPTED if guard.caught else exit_code(list(outcomes.values()))
     finders = found_by(outcomes)

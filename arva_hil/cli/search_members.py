@@ -1,4 +1,4 @@
-"""The searches of this program: the one vehicle of the command line, or vehicles of a scenario."""
+"""The searches of this program: the vehicle of the command line, or vehicles of a scenario."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ from arva_hil.search.team.team_field import TeamField
 from arva_hil.search.team.team_tunnel import MOST_MEMBERS, TeamTunnel
 
 _ONE_ONLY: Final = ("receiver", "gcs", "foxglove", "ros2", "signing_key", "target_system", "target_component")
-_READ_AT: Final = {"udpout": "udpin", "tcpin": "tcp", "tcp": "tcpin", "udpin": "udpout"}  # where frames go: other end
+_READ_AT: Final = {
+    "udpout": "udpin",
+    "tcpin": "tcp",
+    "tcp": "tcpin",
+    "udpin": "udpout",
+}  # the link of a port → the link of its other end
 
 
 @dataclass(frozen=True)
@@ -35,9 +40,9 @@ class Member:
     receiver: str
     format: str
     mate: Teammate | None = None
-    """Itself in its team."""
+    """The search in its team."""
     tunnel: TeamTunnel | None = None
-    """To the searches of the team that are other programs."""
+    """The connection to searches of the team in other programs."""
     team: int = 1
     """Number of searches that divide the area."""
 

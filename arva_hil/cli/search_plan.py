@@ -1,4 +1,4 @@
-"""The plan that the options of a search ask for, for one drone and for several."""
+"""The plan by the options of a search, for one drone or several."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strips import Strips
 from arva_hil.search.team.team_field import divide
 
-_NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a drone
+_NARROWEST_M: Final = 4.0  # narrowest part of an area that is worth a drone
 
 
 def plan_of(options: argparse.Namespace, scenario: Scenario | None = None) -> SearchPlan:

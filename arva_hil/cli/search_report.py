@@ -41,7 +41,7 @@ def close_log(
     started_us: float,
     truth: Mapping[int, tuple[float, float, float]] | None = None,
 ) -> list[str]:
-    """Close the log and draw the picture; what there is to say of both.
+    """Close the log and draw the picture. Yields lines about both.
 
     `started_us`: the steps' time 0 in microseconds since 1970. `truth`: see `draw_search`.
     """

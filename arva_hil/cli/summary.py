@@ -50,7 +50,7 @@ def known_at_start(chosen: Scenario) -> dict[str, Any]:
             "arva-hil": __version__,
             "python": platform.python_version(),
             **{library.__name__: library.__version__ for library in used},
-            # as `platform.platform()`, which runs another program for the kind of processor
+            # like `platform.platform()`, which starts another program to find the processor
             "platform": f"{machine.system}-{machine.release}-{machine.machine}-with-{''.join(platform.libc_ver())}",
         },
     }
@@ -138,7 +138,7 @@ def _came(reader: PacketReader) -> str:
 
 
 def _heard(session: Session, *, alone: bool, others: bool) -> list[str]:
-    """`alone`: on its link; others have what came there said once. `others`: some vehicle was found there."""
+    """Return the traffic of a vehicle, in words. `alone`: on its link. `others`: another vehicle was found there."""
     whose = "autopilot" if session.vehicle else "no vehicle was found; its link"
     lines = [f"{whose}: {_came(session.reader)}, {session.ignored} packets of others ignored"] if alone else []
     if not alone and not session.vehicle and others:
@@ -153,7 +153,7 @@ def _of(session: Session, what: str) -> dict[str, int]:
 
 
 def _not_used(counts: Mapping[str, int]) -> list[str]:
-    """Return a line about what was not used, if there is something."""
+    """Return a line about unused packets and values, if there are any."""
     doubts = [f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n]
     return [f"not used: {', '.join(doubts)}"] if doubts else []
 
@@ -172,5 +172,5 @@ def _mishaps(port: Port) -> list[str]:
         if counts_.bytes_dropped:
             lines[-1] += f"; {counts_.bytes_dropped} bytes in no command"
     if c.skipped:
-        lines.append(f"{c.skipped} frames were skipped: the program was held up for more than a second")
+        lines.append(f"{c.skipped} frames were skipped: the program was delayed by more than a second")
     return lines

@@ -196,7 +196,7 @@ class TerminalQuestion:
 
 
 def somebody_is_there() -> bool:
-    """Return True if a question can be seen and answered: stdin and stderr are terminals."""
+    """Return True if a person can answer a question: stdin and stderr are terminals."""
     try:
         return os.name == "posix" and sys.stdin.isatty() and sys.stderr.isatty() and sys.stdin.fileno() == 0
     except (AttributeError, OSError, ValueError):

@@ -62,7 +62,7 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
 
 
 def _serve(address: HostPort, state: RecordedState) -> Server:
-    """Return the page of a record; every request says which time it wants to see. Raises WebError."""
+    """Return the page of a record; every request has its time. Raises WebError."""
     lock = threading.Lock()
 
     def state_json(query: Mapping[str, str], client: int) -> bytes:
@@ -79,7 +79,7 @@ def _serve(address: HostPort, state: RecordedState) -> Server:
 
 
 def _seconds(text: str) -> float:
-    """Return a time in a request; the end of the record if it is none."""
+    """Return the time in a request; the end of the record for an invalid one."""
     try:
         return float(text)
     except ValueError:

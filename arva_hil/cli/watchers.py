@@ -15,7 +15,7 @@ from arva_hil.observers.web.address import DEFAULT_HOST, HostPort
 from arva_hil.runtime.audience import Observer
 from arva_hil.safe_text import shown
 
-if TYPE_CHECKING:  # what a page needs takes 15 ms to import: only when one is wanted
+if TYPE_CHECKING:  # a page takes 15 ms to import
     from arva_hil.observers.web.page import WebPage
     from arva_hil.observers.web.state import State
 
@@ -26,7 +26,7 @@ _POSE: Final = ("GLOBAL_POSITION_INT", "ATTITUDE")
 def page_of_run(
     kind: str, options: argparse.Namespace, chosen: Scenario, say: Callable[[str], None], *, named: bool
 ) -> WebPage | None:
-    """Return the page of a run with a scenario, None if none is wanted. Raises WebError if it cannot be served.
+    """Return the page of a run with a scenario; None without --web. Raises WebError if it cannot be served.
 
     `say` is called with its address. `named`: there are several receivers.
     """
@@ -112,7 +112,7 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
 
 
 def close_all(observers: Sequence[Observer], notice: Callable[[Notice], None]) -> None:
-    """Close those that can be closed; `notice` is called for each failure."""
+    """Close the observers that have a `close`; `notice` is called for each failure."""
     for observer in observers:
         try:
             getattr(observer, "close", lambda: None)()

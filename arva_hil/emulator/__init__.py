@@ -1,1 +1,1 @@
-"""The emulator: the engine and what it is made of. Bytes and time in; bytes, deadlines and events out."""
+"""The emulator: the engine and its parts. Bytes and time in; bytes, deadlines and events out."""

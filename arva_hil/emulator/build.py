@@ -31,15 +31,15 @@ from arva_hil.registry import RECEIVERS
 # EN 282: a field of 80 nA/m must be received, 4.7 dB above the noise
 _NORM_NA_M: Final = {"threshold_na_m": 80.0, "noise_na_m": 46.0}
 
-_KEYING: Final = config.KeyingOptions()  # of a transmitter without any
+_KEYING: Final = config.KeyingOptions()  # of a transmitter without keying
 
 
 def transmitters(
     scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
 ) -> Transmitters:
-    """Return the scenario's transmitters in the NED frame `frame`, those that move where they begin.
+    """Return the scenario's transmitters in the NED frame `frame`; moving ones at their start.
 
-    Those with a depth are below the `ScenarioGround` of `heights`; where it is not known they are unplaced.
+    Those with a depth are below the `ScenarioGround` of `heights`; without a known ground they are unplaced.
     """
     ground, seed = ScenarioGround(scenario, frame, heights), scenario.seed
     ids, places, rotations, strengths, keyings, surfaces, lost = [], [], [], [], [], [], []
@@ -122,7 +122,7 @@ def _strength(transmitter: config.Transmitter) -> float:
 
 
 def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
-    """Return a set of its class, with the values of the scenario."""
+    """Return the keying of a set of its class, with the values of the scenario."""
     options = transmitter.keying or _KEYING
     names = "period_s", "pulse_s", "phase_s", "jitter_s", "carrier_hz", "leak_db", "from_s"
     given = {name: value for name in names if (value := getattr(options, name)) is not None}
@@ -132,7 +132,7 @@ def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
 
 
 def _medium(options: config.MediumOptions, ground: Sequence[float | None]) -> Medium:
-    """`ground`: down, at each transmitter with a depth: snow begins there."""
+    """Return the medium. `ground`: down, at each transmitter with a depth: snow begins there."""
     depth_m = skin_depth_m(options.snow_conductivity_s_m, options.snow_permittivity)
     surface = np.array([options.surface_m if down is None else down for down in ground])
     return Medium(options.dipole, depth_m, np.nan_to_num(surface))

@@ -15,7 +15,7 @@ from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field import LocalFrame
 
-HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position is used instead
+HOME_WAIT_S: Final = 5.0  # wait for HOME_POSITION, then use the first valid position
 _FAR_M: Final = 1000.0  # if every transmitter is farther away, something is wrong
 
 MOVE_DATUM: Final = frozenset(  # messages between two checks
@@ -39,7 +39,7 @@ class Datum:
     A fixed datum stays. `datum: home` follows the vehicle's home until the vehicle arms, because autopilots move their
     home by a metre at first. While the vehicle is armed the datum stays: transmitters do not jump in flight. A new home
     after a landing is a new datum: at once if it is more than 100 m away or the vehicle has rebooted, otherwise when it
-    arms again, because PX4 sets its home wherever it lands, also beside the transmitter that was found.
+    arms again, because PX4 sets its home at each landing, also beside the transmitter that was found.
 
     Without a HOME_POSITION the first valid position is used after 5 s. A home replaces it. A later position replaces it
     if the vehicle has rebooted or its position has jumped, because the first one was wrong then. Both only while the

@@ -36,7 +36,7 @@ class Made(NamedTuple):
 
 
 class EmulatedVehicle:
-    """Remembers one vehicle's session, world and receivers. `next_due`: the time at which there is something to do.
+    """Remembers one vehicle's session, world and receivers. `next_due`: the time of the next work.
 
     `phase`: of its frames, in periods, or tenths of a second, after the start of the run.
     """
@@ -57,7 +57,7 @@ class EmulatedVehicle:
         self.world = VehicleWorld(setup, followed, start=start, max_age_s=max_age_s)
         self.units = [make_unit(setup, one, start, phase) for one in setup.receivers]
         self.next_due = start
-        self.missing_from: float | None = missing_from  # None: reported, or found
+        self.missing_from: float | None = missing_from  # None: the vehicle was found, or reported as missing
 
     def receive(self, packets: Sequence[Packet], now: float, sender: Hashable) -> Sequence[Event]:
         """Use the packets of one chunk on its link."""
@@ -73,7 +73,7 @@ class EmulatedVehicle:
                 self.next_due = now
 
     def make_frames(self, now: float, look_ahead_s: float, *, final: bool = False) -> Made:
-        """Make the frames of the instants until `now` whose poses are known, and send what waited until now.
+        """Make the frames of the instants until `now` whose poses are known, and send delayed frames that are due.
 
         `look_ahead_s`: a frame waits at most this long for its pose, 0 for a live run; `final`: it waits no longer.
         """

@@ -5,8 +5,8 @@ Serves many vehicles on many links, each with many receivers. A driver calls
     receive(link, data, now)     bytes that came on a link
     advance(now)                 do everything that is due until now
     output()                     the bytes to write; `written` for each of them, when it is written
-    events()                     what has happened
-    next_deadline()              when to call `advance` again
+    events()                     the events since the last call
+    next_deadline()              the time of the next call of `advance`
 
 and `link_lost` and `link_back` for the state of a link, as with h11 and aioquic. `arva_hil.runtime.drivers` has three
 drivers.
@@ -50,7 +50,7 @@ class EngineOptions:
     tell_packets: bool
     tell_status: bool
     needs_times: bool
-    """Packets count at the times at which they come: for a record, and for a simulator's truth, which has no clock."""
+    """Use packets at their arrival times: for a record, and for a simulator's truth, which has no clock."""
 
 
 class _Chunks:
@@ -118,13 +118,14 @@ class _VehicleLink:
 class Emulator:
     """Remembers its vehicles, the outputs and the events. Times are seconds on the driver's clock.
 
-    `start`: the instant of the first frames. `spread`: those of the vehicles are spread over a period, 0.1 s at most.
-    `timeout_s`: without a heartbeat, until there is an event. `max_age_s`: an older pose is not used. `look_ahead_s`:
-    how long a frame waits for a pose after its instant, so that its pose can be interpolated; 0 for live: a frame is
-    made at its instant, with what is known then. `tell_packets`: make an event for every chunk, for a record;
-    `tell_status`: make a `StatusReport` four times a second.
+    - `start`: the instant of the first frames. `spread`: spread those of several vehicles over a period, at most 0.1 s.
+    - `timeout_s`: without a heartbeat, emit an event after this time.
+    - `max_age_s`: an older pose is not used.
+    - `look_ahead_s`: the time that a frame waits for a later pose, to interpolate its own; 0 for a live run.
+    - `tell_packets`: emit an event for every chunk, for a record.
+    - `tell_status`: emit a `StatusReport` four times a second.
 
-    Raises ValueError without a vehicle, for a link that the vehicles do not have, and for a time before the last one.
+    Raises ValueError without a vehicle, for an unknown link, and for a time before the last one.
     """
 
     def __init__(
@@ -175,10 +176,10 @@ class Emulator:
     def receive(
         self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False
     ) -> Addressees:
-        """Use bytes that were received at `now` from an autopilot's link or from a receiver's port.
+        """Use bytes received at `now` from an autopilot's link or a receiver's port.
 
-        `sender`: one of several on the link. `whole`: no packet continues in the next bytes. Returns to whom the link
-        writes from now on.
+        `sender`: one of several on the link. `whole`: no packet continues in the next bytes. Returns the senders to
+        which the link writes from now on.
         """
         if (vehicles := self._links.get(link)) is None:
             self._check_port(link)
@@ -207,7 +208,7 @@ class Emulator:
             vehicle.next_due = now
 
     def advance(self, now: float, *, final: bool = False) -> None:
-        """Do what is due until `now`. `final`: nothing more will come; the frames that waited for it are made."""
+        """Do all work due until `now`. `final`: no more bytes will come, so make the waiting frames."""
         if now < self._now:
             raise ValueError(f"now: {now:g}, expected {self._now:g} s or later: time does not go back")
         self._now = now
@@ -234,12 +235,12 @@ class Emulator:
         return min([self._next_status + _SLACK_S, *[vehicle.next_due for vehicle in self.vehicles]])
 
     def output(self) -> list[Output]:
-        """Return the outputs to write, in this order. Call `written` for each of them."""
+        """Return the outputs to write, in this order. Call `written` for each."""
         outputs, self._outputs = self._outputs, []
         return outputs
 
     def written(self, output: int, accepted: bool, now: float) -> None:
-        """Handle an output that was written. `accepted`: the link has taken all of it."""
+        """Handle a written output. `accepted`: the link has accepted all of it."""
         if (sent := self._unwritten.pop(output, None)) is not None:
             vehicle, port, parcel = sent
             quiet = port.link in self._lost or not (accepted or vehicle.session.vehicle)

@@ -29,7 +29,7 @@ class FollowedSystem:
         self._was_heard = False
 
     def on_packets(self, packets: Sequence[Packet], now: float) -> None:
-        """Use those packets of a chunk that are the system's."""
+        """Use the system's packets of a chunk."""
         for packet in packets:
             if packet.system != self.system or packet.msgid not in _POSES or packet.refused:
                 continue

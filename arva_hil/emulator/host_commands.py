@@ -19,7 +19,7 @@ from firmware_proto.commands import BUSY, CHANNELS, DONE, IDENTIFY, REFUSED, RES
 Obey = Callable[[float, str, Sequence[float]], Answer]
 """Handles a command of the host: the time on the driver's clock, its name and its values."""
 
-_MOST_BYTES: Final = 4096  # used of one read: a flood must not delay the frames
+_MOST_BYTES: Final = 4096  # used of one read, so that a flood does not delay the frames
 _RATE_HZ: Final = 20.0  # commands executed per second on average; as many are answered with "busy"
 _BURST: Final = 10  # more commands at once
 _CLEAR_S: Final = 0.01  # no answer in this time before a frame; the longest takes 8 ms at 115200 baud
@@ -80,7 +80,7 @@ class HostCommands:
         self.channels = self._usual_channels = scenario.receiver.channels
         words = (scenario.receiver.model, 12), (__version__, 8), (scenario.output_format, 10)
         self._identity = " ".join(re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
-        self.heard = False  # whether anything ever came; hosts that only listen are usual
+        self.heard = False  # True after the first byte; most hosts only listen
         self._commands: list[Command] = []
         self._answers: deque[tuple[bytes, CommandAnswered]] = deque()
         self._executed = RateLimit(_RATE_HZ, _BURST)

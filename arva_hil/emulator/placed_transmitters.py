@@ -13,7 +13,7 @@ from arva_hil.emulator.build import ground_places, moving_transmitters
 from arva_hil.events import Event, GroundFound, GroundMissing
 from arva_hil.model.field import LocalFrame
 
-_ANSWER_S: Final = 10.0  # for the autopilot's heights, until there is an event
+_ANSWER_S: Final = 10.0  # without the autopilot's heights, emit an event after this time
 
 
 class PlacedTransmitters:
@@ -39,7 +39,7 @@ class PlacedTransmitters:
         self._build(frame)
 
     def observe(self, received: Received, now: float) -> list[Event]:
-        """Use the heights among what the session received."""
+        """Use the heights in the packets that the session received."""
         if not self._requests or not self._requests.on_packets(received) or not self._frame:
             return []
         self._build(self._frame)

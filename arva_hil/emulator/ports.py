@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 _LATE_S: Final = 0.05  # a frame that is made later than this is late
-_OFTEN: Final = 10  # late frames more than others, until there is an event
+_OFTEN: Final = 10  # emit an event if there are this many more late frames than others
 
 
 class Output(NamedTuple):
@@ -39,7 +39,7 @@ class Parcel(NamedTuple):
     made: FrameMade | None = None
     """The frame that is sent when they are accepted."""
     answer: CommandAnswered | None = None
-    """They are this answer to a command, not a frame."""
+    """The answer to a command, if they are one instead of a frame."""
 
 
 @dataclass
@@ -59,7 +59,7 @@ class Counters:
 
 
 class LateWatch:
-    """Remembers how many frames were late lately. `vehicle`, `receiver`: names for events."""
+    """Remembers the number of recent late frames. `vehicle`, `receiver`: names for events."""
 
     def __init__(self, vehicle: str, receiver: str) -> None:
         self._about = vehicle, receiver
@@ -161,7 +161,7 @@ class Port:
     def written(self, parcel: Parcel, accepted: bool, now: float, *, quiet: bool) -> list[Event]:
         """Count bytes that were written. `accepted`: the link has taken all of them.
 
-        `quiet`: that they are refused needs no event, because the link is lost or there is no vehicle yet.
+        `quiet`: a refusal needs no event, because the link is lost or there is no vehicle yet.
         """
         if parcel.answer is not None:
             assert self.commands is not None
@@ -183,7 +183,7 @@ class Port:
         return events
 
     def fault_counts(self) -> dict[str, dict[str, int]]:
-        """Return for each fault by name how many frames and how many bytes it changed."""
+        """Return the numbers of frames and bytes that each fault changed, by its name."""
         return self.faults.counts() if self.faults else {}
 
     def _send_with_faults(

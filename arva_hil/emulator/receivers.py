@@ -21,7 +21,7 @@ from arva_hil.registry import FORMATS
 from firmware_proto.commands import RESTART
 
 _WORST_BACKLOG_S: Final = 1.0  # frames later than this are skipped, not sent in a burst
-_BLIND_S: Final = 8.0  # with a vehicle but without a pose, until there is an event
+_BLIND_S: Final = 8.0  # with a vehicle but without a pose, emit an event after this time
 _START_S: Final = math.nextafter(0.0, -1.0)  # no sample is earlier than the run
 
 
@@ -40,7 +40,7 @@ class Schedule:
         self.deadline = self._at(0)
 
     def advance(self) -> None:
-        """Go on to the next frame."""
+        """Advance to the next frame."""
         self.number += 1
         self.deadline = self._at(self.number)
 
@@ -55,7 +55,7 @@ class Schedule:
 
 
 class PoseWatch:
-    """Remembers if a receiver has a pose, and makes the events about it. `vehicle`, `receiver`: names for events."""
+    """Remembers if a receiver has a pose, and emits events about it. `vehicle`, `receiver`: names for events."""
 
     def __init__(self, vehicle: str, receiver: str) -> None:
         self._about = vehicle, receiver

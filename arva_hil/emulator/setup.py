@@ -26,7 +26,7 @@ class ReceiverSetup:
 
 @dataclass(frozen=True)
 class VehicleSetup:
-    """One vehicle with its receivers. `link`: the link on which it sends; `session`: follows it there."""
+    """One vehicle with its receivers. `link`: its link. `session`: follows it there."""
 
     name: str
     link: str

@@ -1,4 +1,4 @@
-"""The state of one vehicle and its surroundings at one instant, as its receivers get it."""
+"""The state of one vehicle and its surroundings at one instant, for its receivers."""
 
 from __future__ import annotations
 

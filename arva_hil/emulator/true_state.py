@@ -81,7 +81,7 @@ class PoseError:
 
 
 class ReportWithError:
-    """The truth is the report and an error. Reports are `latency_s` old: the truth is the report at that time later.
+    """The truth: the report plus an error. Reports are `latency_s` old: the truth is the report of that time later.
 
     Times are seconds on the driver's clock.
     """
@@ -106,7 +106,7 @@ class ReportWithError:
 
 
 class SimulatorTruth:
-    """The truth is what the vehicle's simulator sends. Remembers its last seconds, and makes the session request it.
+    """The truth by the vehicle's simulator. Remembers its last seconds, and makes the session request it.
 
     ArduPilot's simulator has SIM_STATE (its older SIMSTATE has no altitude), PX4's HIL_STATE_QUATERNION. Neither has a
     usable time stamp: a message gets the vehicle's time at its arrival, which is some milliseconds late. `refused`: the

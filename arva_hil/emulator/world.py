@@ -1,4 +1,4 @@
-"""The world of one vehicle: what its receivers need to know of it, of its surroundings and of the transmitters."""
+"""The world of one vehicle: its state, its surroundings and the transmitters, for its receivers."""
 
 from __future__ import annotations
 

@@ -25,7 +25,9 @@ class Event:
     time_s: float
 
     def __init_subclass__(cls) -> None:
-        dataclass(frozen=True, eq=False, repr=False)(cls)  # those below serve all: a start takes 10 ms less
+        dataclass(frozen=True, eq=False, repr=False)(
+            cls
+        )  # the methods below serve all events: a start takes 10 ms less
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and vars(other) == vars(self)
@@ -58,17 +60,17 @@ class LinkLost(LinkEvent):
 
 
 class LinkBlocked(LinkEvent):
-    """A lost link cannot be opened again. `reason`: why, e.g. another program has the port."""
+    """A lost link cannot be opened again. `reason`: e.g. another program has the port."""
 
     reason: str
 
 
 class LinkThere(LinkEvent):
-    """A link that was not there at the start of the run is open now."""
+    """A link that was missing at the start of the run is open now."""
 
 
 class LinkBack(LinkEvent):
-    """A lost link is open again. `away_s`: how long it was lost."""
+    """A lost link is open again after `away_s`."""
 
     away_s: float
 
@@ -114,7 +116,7 @@ class FollowedSystemSilent(Event):
 
 
 class FollowedSystemHeard(Event):
-    """The system sends its pose. Transmitters follow it from here on."""
+    """The system sends its pose. Transmitters follow it from now on."""
 
     system: int
 
@@ -140,14 +142,14 @@ class FrameMade(ReceiverEvent):
     age_s: float | None  # of the pose
     reading: Reading
     frame: Frame
-    sent: bool  # False: no program read it, or a fault held it back
-    late_s: float  # how long after its instant it was made
-    faults: tuple[str, ...] = ()  # that changed it
+    sent: bool  # False: no program read it, or a fault withheld it
+    late_s: float  # delay after its instant
+    faults: tuple[str, ...] = ()  # the faults that changed it
     reported_pose: Pose | None = None  # None: no report, or one too old
 
 
 class BytesSent(ReceiverEvent):
-    """Bytes that a port accepted: a frame, or what faults made of it. In a record of a real receiver: what came."""
+    """Bytes that a port accepted: a frame, perhaps changed by faults. In a record of a real receiver: its bytes."""
 
     data: bytes
 
@@ -171,7 +173,7 @@ class CommandReceived(ReceiverEvent):
 
 
 class CommandAnswered(ReceiverEvent):
-    """The answer to a command. `result`: "done", "refused", "unknown" or "busy"; `sent`: a program took it."""
+    """The answer to a command. `result`: "done", "refused", "unknown" or "busy"; `sent`: a program read it."""
 
     number: int
     name: str
@@ -182,34 +184,34 @@ class CommandAnswered(ReceiverEvent):
 
 
 class FramesRefused(ReceiverEvent):
-    """No program takes the frames. They are dropped until one reads them."""
+    """No program reads the frames. They are dropped until one does."""
 
 
 class FramesLate(ReceiverEvent):
-    """Frames are late again and again, the last one by `late_s`: the machine has more to do than it can."""
+    """Frames are late repeatedly, the last one by `late_s`: the machine is overloaded."""
 
     late_s: float
 
 
 class FramesTaken(ReceiverEvent):
-    """A program takes the frames again. `dropped`: how many were dropped so far."""
+    """A program reads the frames again. `dropped`: the number dropped so far."""
 
     dropped: int
 
 
 class PoseFound(ReceiverEvent):
-    """There is a pose. Readings are real from here on."""
+    """There is a pose. Readings are real from now on."""
 
 
 class PoseLost(ReceiverEvent):
-    """There is no pose any more, so frames have no signal. `age_s`: of the newest pose, or None; `lacking`: why."""
+    """The pose is lost, so frames have no signal. `age_s`: of the newest pose, or None; `lacking`: the reason."""
 
     age_s: float | None
     lacking: NoPose
 
 
 class PoseMissing(ReceiverEvent):
-    """A vehicle was found some time ago, and there is still no pose."""
+    """A vehicle was found, and there is still no pose after some seconds."""
 
     lacking: NoPose
 
@@ -259,7 +261,7 @@ class GroundFound(VehicleEvent):
 
 
 class MotorsSilent(VehicleEvent):
-    """The vehicle does not report the load of its motors, whose noise the receiver gets. It stays at `load`, 0…1."""
+    """The vehicle does not report the load of its motors. Their noise stays that of `load`, 0…1."""
 
     load: float
 

@@ -29,7 +29,7 @@ _WORDED: Final[Mapping[tuple[type, str], Callable[[Any], str]]] = {  # fields th
     (SearchEnded, "how"): in_words,
     (WouldOrder, "what"): order_in_words,
 }
-NOT_NEWS: Final = (FrameMade, *_DRAWN)  # frames have objects of their own; the others are for observers that draw
+NOT_NEWS: Final = (FrameMade, *_DRAWN)  # frames have their own objects; the others are for observers that draw
 
 
 def event_name(kind: type[Event]) -> str:
@@ -51,7 +51,7 @@ def event_object(event: Event) -> dict[str, Any]:
 
 
 def event_of(said: Mapping[str, Any]) -> Event | None:
-    """Return the event of such a dictionary; None if that is not known or it has values inside values.
+    """Return the event of such a dictionary; None for an unknown event or one with nested values.
 
     The types of its values are not checked.
     """

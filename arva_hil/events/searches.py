@@ -38,7 +38,7 @@ class WaitingFor(SearchEvent):
 
 
 class FailsafesKnown(SearchEvent):
-    """The failsafe `parameters` of the vehicle: (name, value). They define its reaction if it gets no commands.
+    """The failsafe `parameters` of the vehicle: (name, value). They define its reaction to missing commands.
 
     `autopilot`: the kind of autopilot. Parameters that it did not report are left out. `remote`: it has a remote
     control that works.
@@ -50,7 +50,7 @@ class FailsafesKnown(SearchEvent):
 
 
 class ParameterDoubted(SearchEvent):
-    """A `parameter` of the autopilot makes a promise of the search impossible. `value`: None if it was not reported."""
+    """A `parameter` of the autopilot breaks a promise of the search. `value`: None if it was not reported."""
 
     parameter: str
     value: float | None
@@ -69,7 +69,7 @@ class FenceInArea(SearchEvent):
 
 
 class SimulatorRecognized(SearchEvent):
-    """The vehicle may be armed, because it answers with a `message` that only simulators send."""
+    """The vehicle may be armed: it answers with a `message` that only simulators send."""
 
     label: str
     message: str
@@ -92,7 +92,7 @@ class ConsentNeeded(SearchEvent):
 
 
 class DryRunBegun(SearchEvent):
-    """All is there that a flight needs. What follows says what would be ordered; nothing is."""
+    """A dry run has all that a flight needs. The next events report its orders; none is sent."""
 
     label: str
     take_over: bool
@@ -114,14 +114,14 @@ class OrderDetail:
 
 
 class WouldOrder(SearchEvent):
-    """In a dry run: what would be ordered next. `order`: MAV_CMD's name."""
+    """The next order of a dry run, which is not sent. `order`: MAV_CMD's name."""
 
     order: str
     what: OrderDetail
 
 
 class SetPointPlanned(SearchEvent):
-    """In a dry run: the set-point that would be sent now, `rate_hz` times a second. NED, m/s."""
+    """The set-point of a dry run, not sent, `rate_hz` times a second. NED, m/s."""
 
     v_north: float
     v_east: float
@@ -155,7 +155,7 @@ class SearchBegun(SearchEvent):
 
 
 class SearchEnded(SearchEvent):
-    """The search has ended. `how`: as in the outcome; `landing`: the vehicle lands, else it hovers."""
+    """The search has ended. `how`: as in the outcome; `landing`: the vehicle lands, otherwise it hovers."""
 
     how: Sequence[Reason]
     landing: bool
@@ -168,7 +168,7 @@ class SearchInterrupted(SearchEvent):
 
 
 class SearchHeldUp(SearchEvent):
-    """The program did nothing for `gap_s`. Before the next order it checks who has the vehicle."""
+    """The program did nothing for `gap_s`. Before the next order it checks who controls the vehicle."""
 
     gap_s: float
 
@@ -192,7 +192,7 @@ class SearchPaused(SearchEvent):
 
 
 class SearchResumed(SearchEvent):
-    """The search goes on. `reason`: why the vehicle hovered."""
+    """The search continues. `reason`: of the pause."""
 
     reason: PauseReason
 
@@ -245,7 +245,7 @@ class TransmitterHeard(TransmitterEvent):
 
 
 class TransmitterChosen(TransmitterEvent):
-    """The vehicle flies to this transmitter from here on. `distance_m`: by the reading."""
+    """The vehicle flies to this transmitter from now on. `distance_m`: by the reading."""
 
     distance_m: float
 
@@ -253,14 +253,14 @@ class TransmitterChosen(TransmitterEvent):
 class TransmitterFaded(TransmitterEvent):
     """The receiver does not detect the transmitter any more. The vehicle flies search strips again.
 
-    `hardly`: the receiver detects it now and then; the search postpones it until it is nearer.
+    `hardly`: the receiver detects it only sometimes; the search postpones it until it is nearer.
     """
 
     hardly: bool = False
 
 
 class TransmitterLeft(TransmitterEvent):
-    """The search flies to the transmitter no more: another search has found it, or flies to it."""
+    """The search leaves the transmitter: another search has found it, or flies to it."""
 
 
 class TransmitterMoves(TransmitterEvent):
@@ -328,7 +328,7 @@ class VictimNoted(TransmitterEvent):
 
 
 class VictimAgain(TransmitterEvent):
-    """The search was led back to the victim of this `number`, `apart_m` from the place recorded. It is marked again."""
+    """The search has come back to the victim of this `number`, `apart_m` from its recorded place. It marks it again."""
 
     number: int
     apart_m: float
@@ -342,7 +342,7 @@ class PlaceDoubted(TransmitterEvent):
 
 
 class ReceiverKnown(SearchEvent):
-    """The receiver has said what it is. `channels`: None if it did not say."""
+    """The receiver has identified itself. `channels`: None if it did not report them."""
 
     text: str
     channels: int | None
@@ -355,7 +355,7 @@ class MarksNotTaken(SearchEvent):
 
 
 class MarkLost(TransmitterEvent):
-    """The receiver has lost the mark of the victim of this `number`. It is passed by all the same."""
+    """The receiver has lost the mark of the victim of this `number`. The search still passes it by."""
 
     number: int
 
@@ -372,7 +372,7 @@ class TooLow(SearchEvent):
 
 
 class SetPointsNotFollowed(SearchEvent):
-    """The vehicle hardly moves, and is ordered to fly sideways once."""
+    """The vehicle does not follow its set-points. The search orders it sideways once."""
 
     seconds: float
     """The duration of the commands [s]."""
@@ -386,11 +386,11 @@ class SensorsDisagree(SearchEvent):
     """Two sources of the height differ by more than their errors. The search flies by the lower height."""
 
     sensor: str
-    """The sensor that is doubted, e.g. "rangefinder"."""
+    """The doubted sensor, e.g. "rangefinder"."""
     value_m: float
     """Its value [m]."""
     other: str
-    """The source that it is compared with, e.g. "barometer"."""
+    """The source of the comparison, e.g. "barometer"."""
     other_m: float
     """The value of that source [m]."""
 

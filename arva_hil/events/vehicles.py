@@ -10,7 +10,7 @@ from arva_hil.events import VehicleEvent
 
 
 class VehicleFound(VehicleEvent):
-    """A vehicle is followed from here on. `version`: MAVLink's; `signed`: whether its packets are signed."""
+    """A vehicle is followed from now on. `version`: of MAVLink; `signed`: its packets are signed."""
 
     label: str
     version: int
@@ -111,7 +111,7 @@ class ArmingTried(VehicleEvent):
 
 
 class ThrottleAwaited(VehicleEvent):
-    """The pilot gets the vehicle as soon as the throttle stick is in the middle.
+    """The pilot gets the vehicle once the throttle stick is in the middle.
 
     `channel`: of the stick that was moved, from 1; 0 if the battery is the reason. `by_us`: its movement, µs.
     """

@@ -374,7 +374,7 @@ def test_a_refused_take_off_is_tried_again_at_once() -> None:
 @pytest.mark.parametrize(
     ("targets", "why"),
     [
-        ([(1, 191), (1, 190), (255, US), (255, 190), (2, US)], "it says nothing of why"),
+        ([(1, 191), (1, 190), (255, US), (255, 190), (2, US)], "it gives no reason"),
         ([(1, US)], "arming: DENIED"),
         ([(0, 0)], "arming: DENIED"),
     ],
@@ -496,7 +496,7 @@ def test_a_landing_that_does_not_end_is_given_up(autopilot: int) -> None:
     assert told.commander.phase is Phase.LANDING  # 4.9 m take a little longer
     told.hear(10.0)
     assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "the vehicle does not land: it says nothing of why"
+    assert in_words(told.commander.why) == "the vehicle does not land: it gives no reason"
 
 
 @pytest.mark.parametrize(

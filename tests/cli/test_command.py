@@ -68,7 +68,7 @@ def test_a_refusal_is_printed_and_exit_code_1(arva: Arva, line: PtyLink, result:
 @pytest.mark.parametrize(
     ("came", "said"),
     [
-        (b"", "nothing came at all"),
+        (b"", "nothing came"),
         (encode(FRAME), "frames come, so this receiver takes no commands, or does not receive any from this program"),
         (FORMATS["nmea"].encode(FRAME), "bytes came, and no frame: the bytes are nmea: --format nmea"),
     ],

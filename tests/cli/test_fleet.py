@@ -331,7 +331,7 @@ TWO = "- {{name: a, {a} receivers: [{{name: r, port: {p}}}]}}\n- {{name: b, {b} 
             "the autopilot of a, cannot",
         ),
         ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "log.tlog", "pty", [], "is a log"),
-        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "'-'", "pty", ["--json"], "both want stdout"),
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "'-'", "pty", ["--json"], "both go to stdout"),
         ("autopilot: '-',", "autopilot: 'udpin:h:2',", "pty", "pty", [], "cannot be read"),
         ("autopilot: 'nonsense',", "autopilot: 'udpin:h:2',", "pty", "pty", [], "nonsense"),
     ],

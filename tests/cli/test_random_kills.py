@@ -34,4 +34,4 @@ def test_a_run_that_stood_still_skips_frames_and_goes_on(
     until(lambda: frames.extend(decoder.feed(line.read(), clock.now())) or len(frames) > 150)
     assert decoder.lost >= 20
     program.stops()
-    assert "frames were skipped: the program was held up for more than a second" in program.err
+    assert "frames were skipped: the program was delayed by more than a second" in program.err

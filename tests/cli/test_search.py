@@ -173,7 +173,7 @@ def test_a_search_is_never_overwritten(arva: Arva, tmp_path: Path) -> None:
 def test_without_frames_nothing_is_armed(start: Start, autopilot: Autopilot, line: PtyLink) -> None:
     program = start("search", "--autopilot", autopilot.address, "--receiver", line.path, "--timeout", 2)
     assert program.ends() == 3
-    assert last_lines(program, 1) == [f"error: no frame from the receiver at {line.path}: nothing came at all"]
+    assert last_lines(program, 1) == [f"error: no frame from the receiver at {line.path}: nothing came"]
     assert orders(autopilot) == []
 
 

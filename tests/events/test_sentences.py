@@ -73,7 +73,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         events.FramesLate(*RECEIVER, 0.137),
         "warning",
-        "its frames are late, by 137 ms now: this machine has too much to do; serve fewer vehicles, or lower rate_hz",
+        "its frames are late, now by 137 ms: this machine is overloaded; serve fewer vehicles, or lower rate_hz",
     ),
     (events.FramesRefused(*RECEIVER), "warning", "no program takes the frames: they are dropped until one reads them"),
     (events.FramesTaken(*RECEIVER, 7), "info", "frames are taken; 7 were dropped so far"),
@@ -147,7 +147,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         vehicles.OtherAutopilotIgnored(*VEHICLE, 1, 1, True),
         "info",
-        "another autopilot 1/1 on this link is ignored; it has the same ids as this one: give it others",
+        "another autopilot 1/1 on this link is ignored; it has the same ids as this one: change them",
     ),
     (
         vehicles.SignatureRefused(*VEHICLE, 1, 1, "unsigned"),

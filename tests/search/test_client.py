@@ -345,7 +345,7 @@ def test_what_others_on_the_link_say_changes_nothing(make: Callable[[], Any]) ->
 @pytest.mark.parametrize(
     ("says", "why"),
     [
-        (lambda now: b"", "nothing came at all"),
+        (lambda now: b"", "nothing came"),
         (lambda now: b"$PARVA,1*", r"bytes came that are none, first b'$PARVA,1*$PARVA,': is the format right"),
         (lambda now: frames(now) if now < 3 else b"", "the last one came 57 s"),
     ],
@@ -682,7 +682,7 @@ def test_an_autopilot_that_falls_silent_is_left_to_its_failsafe() -> None:
     world.between = lambda data: b""
     silent = world.clock.now()
     kind, how = world.end()
-    assert (kind, how) == ("failed", f"the vehicle has not said its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}")
+    assert (kind, how) == ("failed", f"the vehicle has not reported its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}")
     assert 2 < world.clock.now() - silent < 3
     blind = [m for at, m in world.told if at > silent + 1.5 and m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     assert {(m.vx, m.vy, m.vz) for m in blind} == {(0.0, 0.0, 0.0)}

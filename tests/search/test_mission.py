@@ -543,7 +543,7 @@ def test_what_stays_too_low_ends(strategy: type[Scripted]) -> None:
     m.fly(101.0, AT, height=Height(3.0, False))
     for k in range(12):
         m.fly(102.0 + k, AT, height=Height(0.7, False))
-    assert (in_words(m.ended), m.broken) == ("it does not get higher than 0.7 m", True)
+    assert (in_words(m.ended), m.broken) == ("it does not climb above 0.7 m", True)
 
 
 def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Scripted]) -> None:

@@ -25,7 +25,7 @@ NAV_LAND, SET_MODE = dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_DO_SET_MODE
 TAKEN = "the mode is {}: the pilot or a failsafe has taken over"
 HELD_UP = (
     TAKEN
-    + " (this program was held up, and no set-point left for {} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
+    + " (this program was delayed, and sent no set-point for {} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
 )
 PAUSED = "the search did nothing for"
 
@@ -110,7 +110,7 @@ def test_after_a_pause_old_words_of_the_mode_do_not_count() -> None:
     world.between = without(dialect.MAVLINK_MSG_ID_TIMESYNC)
     goes_on = world.clock.now()
     kind, how = world.end(4.0)
-    assert (kind, how) == ("failed", f"the vehicle has not said its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}")
+    assert (kind, how) == ("failed", f"the vehicle has not reported its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}")
     world.pass_s(10)
     assert world.orders(goes_on) == []
 
@@ -122,7 +122,7 @@ def test_px4_leaves_offboard_in_a_pause_and_is_left_alone() -> None:
     stopped(world, 2.0)
     goes_on = world.clock.now()
     kind, how = world.end(3.0)
-    (seconds,) = re.findall(r"no set-point left for ([\d.]+) s before", how)
+    (seconds,) = re.findall(r"sent no set-point for ([\d.]+) s before", how)
     assert (kind, how) == ("failed", HELD_UP.format("position", seconds))
     assert 2.0 <= float(seconds) <= 2.7
     world.pass_s(10)
@@ -145,7 +145,7 @@ def test_after_a_pause_the_mode_is_named_that_the_vehicle_is_in(lost_from: float
     world._tasks.append(world.client)
     goes_on = world.clock.now()
     kind, how = world.end(4.0)
-    (seconds,) = re.findall(r"no set-point left for ([\d.]+) s before", how)
+    (seconds,) = re.findall(r"sent no set-point for ([\d.]+) s before", how)
     assert (kind, how) == ("failed", HELD_UP.format("hold", seconds))
     assert 14.1 <= float(seconds) <= 14.3
     assert [text.startswith(PAUSED) for text in world.said if "strategy" in text or "14." in text] == [True]
@@ -222,7 +222,7 @@ def test_a_flood_that_cannot_be_read_to_its_end_gets_no_order_and_does_not_hold_
     world.client.service = served  # type: ignore[method-assign]
     floods = world.clock.now()
     kind, how = world.end(6.0)
-    assert (kind, how.partition(";")[0]) == ("failed", "the vehicle has not said its mode for 2.5 s")
+    assert (kind, how.partition(";")[0]) == ("failed", "the vehicle has not reported its mode for 2.5 s")
     world.pass_s(5)
     assert world.orders(floods + 0.05) == []
 
@@ -511,7 +511,7 @@ def test_a_heartbeat_of_another_autopilot_with_its_ids_ends_it() -> None:
     world.between = lambda data: data + (other if data else b"")
     came = world.clock.now()
     kind, how = world.end(1.0)
-    assert (kind, "speaks with its ids" in how) == ("failed", True)
+    assert (kind, "uses its ids" in how) == ("failed", True)
     world.pass_s(5)
     assert {m.get_type() for m in world.orders(came)} <= {"SET_POSITION_TARGET_LOCAL_NED"}
 
@@ -542,7 +542,7 @@ def test_a_vehicle_that_is_still_armed_at_the_end_is_no_good_end() -> None:
     vehicle._pilot.disarm = lambda force=False: False  # type: ignore[method-assign]
     kind, how = world.end(120.0)
     assert kind == "failed"
-    assert how.startswith("the vehicle is still armed, and does not say that it has landed. If it stands, keep away")
+    assert how.startswith("the vehicle is still armed, and does not report that it has landed. If it stands, keep away")
     assert world.client.outcome is not None
     assert world.client.outcome.found is not None
     assert world.client.outcome.found[:2] == VICTIM
@@ -622,8 +622,8 @@ def test_what_px4_does_without_set_points_depends_on_a_remote_control(manual: An
 @pytest.mark.parametrize(
     ("parameter", "value", "text"),
     [
-        ("COM_RC_OVERRIDE", 2, "COM_RC_OVERRIDE is 2: without its bit 0 PX4 ignores the sticks in LAND and Hold"),
-        ("COM_RC_OVERRIDE", None, "COM_RC_OVERRIDE was not reported: without its bit 0 PX4 ignores the sticks"),
+        ("COM_RC_OVERRIDE", 2, "COM_RC_OVERRIDE is 2: without bit 0 PX4 ignores the sticks in LAND and Hold"),
+        ("COM_RC_OVERRIDE", None, "COM_RC_OVERRIDE was not reported: without bit 0 PX4 ignores the sticks"),
         ("COM_OF_LOSS_T", 0.2, "COM_OF_LOSS_T is 0.2: the vehicle may stop between two set-points"),
         ("COM_OF_LOSS_T", 60.0, "COM_OF_LOSS_T is 60: the vehicle flies on for as many seconds"),
     ],

@@ -31,7 +31,7 @@ def test_frames_are_read_as_they_come() -> None:
 @pytest.mark.parametrize(
     ("came", "why"),
     [
-        (b"", "nothing came at all"),
+        (b"", "nothing came"),
         (b"\x00", r"bytes came that are none, first b'\x00': is the format right, and the baud rate?"),
         (encode_nmea(FRAME), "bytes came that are none, first b'$PARVA,3,1,1,1,1': is the format right"),
         (encode(FRAME), "the last one came 60 s ago"),

@@ -18,7 +18,7 @@ from .truth import ground_m
 _BEGINS: Final = "the search begins"
 _ENDS: Final = "descending to|; landing|; hovering|the pilot or a failsafe"
 _ITS_OWN: Final = ("--target-system", 1)  # every PX4 of a machine sends to port 14550
-_NOT_LANDED: Final = "does not say that it has landed"
+_NOT_LANDED: Final = "does not report that it has landed"
 _CONTACT_M: Final = 0.2
 _PATIENCE_S: Final = 700.0
 

@@ -72,7 +72,7 @@ def compare(parser: CommandParser) -> None:
     parser.add_argument("other", nargs="?", metavar="RECORD2", help="another record")
     parser.option("--scenario FILE", "scenario (YAML) of the emulator, or builtin:NAME")
     parser.option("--seed N", "seed of the emulator's noise", whole(0, LARGEST_SEED))
-    parser.option("--out FILE", "a picture of it, .png, .svg or .pdf; needs matplotlib")
+    parser.option("--out FILE", "picture to write, .png, .svg or .pdf; needs matplotlib")
     parser.option("--json", "print a JSON object for each transmitter")
 
 
@@ -80,8 +80,8 @@ def fit(parser: CommandParser) -> None:
     """Estimate a receiver's profile from records of flights around a transmitter, each value with its 95 % interval.
 
     The profile has display law, noise and mount. Transmitters and latency are printed, and go into --scenario-out.
-    Outliers count little. What the flights cannot tell is named, with the next pass to fly. If the model does not fit,
-    the command says why, and exits with 1. Needs scipy: pip install 'arva-hil[fit]'.
+    Outliers count little. It names values that the flights do not determine, and the next pass to fly. If the model
+    does not fit, the command says why, and exits with 1. Needs scipy: pip install 'arva-hil[fit]'.
     """
     parser.add_argument("records", nargs="+", metavar="RECORD", help="folder of a record")
     models = ("paper", "pulsed", "rssi")
@@ -105,7 +105,7 @@ def view(parser: CommandParser) -> None:
     RUN is a folder that --record has written. A LOG.tlog is replayed first, through the scenario.
     """
     parser.add_argument("record_or_log", metavar="RUN|LOG", help="folder of a record, or MAVLink telemetry log")
-    where = "where the page is: HOST, PORT or HOST:PORT; if the port is taken, the next free one"
+    where = "address of the page: HOST, PORT or HOST:PORT; the next free port if this one is taken"
     parser.option("--web HOST:PORT", f"{where}; default {HostPort()}", parse_address, HostPort())
     parser.option("--scenario FILE", "scenario for a log (YAML), or builtin:NAME")
     add_duration(parser)
@@ -126,7 +126,7 @@ def range_test(parser: CommandParser) -> None:
     parser.option("--height M", height, height_m, 3.0, environment=False, dest="range_height")
     speed = number(0.1, 30, " of m/s")
     parser.option("--speed M/S", "walking speed", speed, 1.0, environment=False, dest="walking_speed")
-    stable = "a signal is stable if there is no gap in it for so long"
+    stable = "a signal without a gap for this time is stable"
     parser.option("--stable S", stable, number(0, 1000, " of s"), 10.0, environment=False)
     parser.option("--out DIR", "folder for the data sheet and its picture")
     parser.option("--json", "print the data sheet as a JSON object for each receiver")

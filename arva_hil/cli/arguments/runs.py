@@ -79,7 +79,7 @@ def vehicle(parser: CommandParser) -> None:
 
 
 def doctor(parser: CommandParser) -> None:
-    """Find what is wrong with the links, and the cure. Opens both sides as `run` would, and prints each finding."""
+    """Find faults of the links, and their cures. Opens both sides as `run` would, and prints each finding."""
     shared.add_autopilot(parser)
     parser.option("--port URL", "link for the frames; without it only the autopilot is examined", link)
     shared.add_format(parser, default="binary")

@@ -107,7 +107,7 @@ def add_flight(parser: CommandParser) -> None:
 
 
 def add_plan(parser: CommandParser) -> None:
-    """Options that say how to search."""
+    """Add the options of the search itself."""
     names = f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own"
     parser.option("--strategy NAME", names, kind(STRATEGIES), "estimate")
     parser.option(

@@ -14,7 +14,7 @@ from arva_hil.registry import FORMATS, OBSERVERS
 if TYPE_CHECKING:
     from arva_hil.config import Fault
 
-FOXGLOVE: Final = HostPort(port=8765)  # what Foxglove and PlotJuggler offer
+FOXGLOVE: Final = HostPort(port=8765)  # the default of Foxglove and PlotJuggler
 OFF: Final = "off"
 
 

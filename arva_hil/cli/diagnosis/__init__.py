@@ -1,1 +1,1 @@
-"""The checks of `arva-hil doctor`: `examination` measures both links, `diagnosis` says what the figures mean."""
+"""The checks of `arva-hil doctor`: `examination` measures both links, `diagnosis` judges the figures."""

@@ -12,8 +12,8 @@ from typing import Final
 
 from arva_hil.cli.diagnosis.values import Finding, Source, StreamRate, Traffic
 
-ENOUGH: Final = 0.7  # of the rate asked for; below it the session asks again
-MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
+ENOUGH: Final = 0.7  # share of the requested rate; below it the session requests the stream again
+MAX_AGE_S: Final = 2.0  # of a pose, the default of `run`
 _BAD_SHARE: Final = 0.02  # report a larger share of bad checksums
 _LATE_S: Final = 0.2  # report poses that come this much later than the quickest
 _SLOW_HEARTBEAT_HZ: Final = 0.6
@@ -147,7 +147,7 @@ def other_senders(count: int, first: str) -> Finding | None:
     if not count:
         return None
     found = f"{count} datagrams of other senders are ignored; the first was from {first}"
-    return Finding("strangers", "note", found, "only the vehicle's address is listened to")
+    return Finding("strangers", "note", found, "only bytes from the vehicle's address are read")
 
 
 def heartbeat(
@@ -195,7 +195,7 @@ def _choose(pilots: Sequence[Source]) -> str:
 
 
 def stream(s: StreamRate) -> Finding:
-    """Judge whether a pose message comes, and at the rate that was asked for."""
+    """Judge whether a pose message comes, and at the requested rate."""
     said = f" ({s.said})" if s.said else ""
     cure = "" if s.recorded else _STREAM_CURE.get(s.name, "")
     if not s.count:
@@ -213,7 +213,7 @@ def stream(s: StreamRate) -> Finding:
 
 
 def slowest(streams: Sequence[StreamRate]) -> int | None:
-    """Return the rate to ask for [Hz] if a stream is much slower than asked; None if all are fast enough."""
+    """Return the rate to ask for [Hz] if a stream is much slower than requested; None if all are fast enough."""
     slow = [s.hz for s in streams if s.hz and not s.recorded and s.hz < ENOUGH * s.wanted_hz]
     return max(1, round(min(slow))) if slow else None
 
@@ -275,7 +275,7 @@ def _lla(place: tuple[float, float, float]) -> str:
 
 
 def exit_code(findings: Sequence[Finding]) -> int:
-    """0: it can run; 3: no link or no heartbeat; 1: no valid pose, or frames cannot be sent."""
+    """Return 0 if a run is possible, 3 without a link or heartbeat, 1 without a valid pose or a port for frames."""
     failed = {finding.check for finding in findings if finding.state == "fail"}
     if failed & _NO_LINK:
         return 3

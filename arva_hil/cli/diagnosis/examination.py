@@ -39,7 +39,7 @@ _READ: Final = (
 
 
 class AutopilotProbe:
-    """Reads the autopilot's link as `run` does, and remembers what came. A task for the loop.
+    """Reads the autopilot's link as `run` does, and counts packets and messages. A task for the loop.
 
     `first`: called with the time until the first bytes [s].
     """

@@ -56,7 +56,7 @@ def frames(traffic: PortTraffic, form: str) -> Finding:
 
 
 def reader(traffic: PortTraffic) -> Finding | None:
-    """Judge whether a program reads; None if no frame was accepted, which `frames` says already."""
+    """Judge whether a program reads; None if no frame was accepted, which `frames` reports."""
     if traffic.refused:
         return Finding("reader", "fail", "none: no program listens there", "start the consumer, or correct --port")
     if not traffic.taken or traffic.lost:

@@ -25,10 +25,10 @@ class Traffic:
     seconds: float
     size: int  # bytes
     packets: int
-    old: int  # of them MAVLink 1
+    old: int  # MAVLink 1 packets among them
     signed: int
     bad: int  # checksums
-    refused: Mapping[str, int] | None = None  # for their signature, by why; None without a key
+    refused: Mapping[str, int] | None = None  # packets refused for their signature, by reason; None without a key
 
 
 @dataclass(slots=True, eq=False)

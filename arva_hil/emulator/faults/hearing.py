@@ -31,11 +31,11 @@ class Switch:
         strike: Any = kind.strike or (lambda look, switch: look)
         own = {} if fault.options is None else {"options": fault.options}
         self.strike: Callable[..., Any] = partial(strike, **own) if own else strike
-        self.since_s: float | None = None  # how long it has been on, None when it is off
+        self.since_s: float | None = None  # seconds since it was switched on, None when it is off
         self._key = key
 
     def turn(self, time_us: int) -> bool:
-        """Switch on or off for this time of the run [µs]. Returns whether it is on."""
+        """Switch on or off for this time of the run [µs]. Return True if it is on."""
         since = self.fault.since(time_us)
         self.since_s = None if since is None else since / 1e6
         return since is not None
@@ -76,11 +76,13 @@ ANTENNA_X, ANTENNA_Y, ANTENNA_Z = (
     FaultKind("heard", _GAIN, f"the antenna {name} has this gain: 0 dead, below 1 detuned", partial(_antenna, axis))
     for axis, name in enumerate("xyz")
 )
-COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: all antennas receive so much less", _cold)
-SATURATION: Final = FaultKind("heard", _SIGNAL, "no antenna says more, as next to a transmitter", _saturated)
-ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "something beside it adds noise of this deviation", _electronics)
+COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: the gain of all antennas", _cold)
+SATURATION: Final = FaultKind("heard", _SIGNAL, "upper limit of each antenna, as next to a transmitter", _saturated)
+ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "standard deviation of the noise of something beside it", _electronics)
 
-_LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made for is a transmitter's field from there
+_LIMIT_RANGE_M: Final = (
+    Antennas().floor_range_m
+)  # at this distance a transmitter's field equals the noise that a receiver is made for
 
 
 class FaultyReceiver:
@@ -160,7 +162,9 @@ def _weakened(look: Look, switch: Switch, factor: float = 0.0) -> Look:
 
 
 OFF: Final = FaultKind("heard", TRANSMITTER, "it sends nothing", _weakened)
-MOVED: Final = FaultKind("heard", TRANSMITTER, "it is elsewhere, then back again", _moved, ("by_ned",))
-FADING: Final = FaultKind("heard", TRANSMITTER, "its field falls evenly to nothing", _fading, ("over_s",))
-INTERFERENCE: Final = FaultKind("heard", Number(1, 1_000_000, above=True), "noise, times the most it is made for", None)
-STUCK: Final = FaultKind("heard", None, "the same reading over and over", None)
+MOVED: Final = FaultKind("heard", TRANSMITTER, "it moves away, then back", _moved, ("by_ned",))
+FADING: Final = FaultKind("heard", TRANSMITTER, "its field falls linearly to zero", _fading, ("over_s",))
+INTERFERENCE: Final = FaultKind(
+    "heard", Number(1, 1_000_000, above=True), "noise, in multiples of the specified noise", None
+)
+STUCK: Final = FaultKind("heard", None, "it repeats the same reading", None)

@@ -24,7 +24,7 @@ class Faults:
         self._seed = scenario.seed
         self.receiver = FaultyReceiver(model, scenario)
         self.outbox = Outbox()
-        self.met: tuple[str, ...] = ()  # names, in the order in which they struck
+        self.met: tuple[str, ...] = ()  # names, in the order of their effects
         self._frames: Counter[str] = Counter()
         self._bytes: Counter[str] = Counter()
         self._on: list[Switch] = []

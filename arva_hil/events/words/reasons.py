@@ -76,7 +76,7 @@ _FS: Final = {
     7: "BRAKE or LAND",
 }
 _FS_THR: Final = _FS | {3: "LAND", 4: "SmartRTL or RTL", 5: "SmartRTL or LAND"}
-_IN_GUIDED: Final = 4  # of FS_OPTIONS: without a radio it goes on in GUIDED
+_IN_GUIDED: Final = 4  # of FS_OPTIONS: without a radio it continues in GUIDED
 _OFFBOARD_LOST: Final = {
     0: "goes to Position mode",
     1: "goes to Altitude mode",
@@ -181,7 +181,7 @@ def _disagree(pairs: Sequence[tuple[str, float, str, float]]) -> str:
 
 
 def _receiver_silent(link: str, age_s: float | None, repeated: int | None, first_bytes: bytes) -> str:
-    why = "nothing came at all"
+    why = "nothing came"
     if age_s is not None:
         again = "" if repeated is None else f", and its sequence number {repeated} again and again since"
         why = f"the last one came {age_s:.0f} s ago{again}"
@@ -211,7 +211,7 @@ def _not_followed(seconds: float, ordered_m: float, flown_m: float, off_deg: flo
 
 
 def _mode_taken(mode: str, stalled_s: float) -> str:
-    stalled = f" (this program was held up, and no set-point left for {stalled_s:.1f} s before: PX4 leaves OFFBOARD "
+    stalled = f" (this program was delayed, and sent no set-point for {stalled_s:.1f} s before: PX4 leaves OFFBOARD "
     stalled = stalled + "after COM_OF_LOSS_T)" if stalled_s else ""
     return f"the mode is {mode}: the pilot or a failsafe has taken over{stalled}"
 
@@ -243,7 +243,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.STRIPS_FLOWN: _strips_flown,
     Why.ON_THE_GROUND: "it is on the ground, or it does not sink as ordered because set-points are lost",
     Why.SENSORS_DISAGREE: _disagree,
-    Why.TOO_LOW: "it does not get higher than {metres:.1f} m",
+    Why.TOO_LOW: "it does not climb above {metres:.1f} m",
     Why.TOO_FAR: "it is more than {metres:g} m outside the area",
     Why.STRATEGY_FAILED: "{text}",
     Why.NO_FRAME: "no frame from the receiver for {seconds:g} s",
@@ -282,19 +282,19 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.BLOCKED_BELOW: "it hovers, because another vehicle of the team reports that it is below; take over and land",
     Why.AUTOPILOT_SILENT: "the autopilot sends no heartbeat any more",
     Why.STILL_ARMED: lambda because: (
-        "the vehicle is still armed, and does not say that it has landed. If it stands, "
+        "the vehicle is still armed, and does not report that it has landed. If it stands, "
         f"keep away from the propellers and disarm it from the radio or the ground station ({in_words(because)})"
     ),
-    Why.GOES_ON_LANDING: "the vehicle is left to its own failsafe: it goes on landing",
+    Why.GOES_ON_LANDING: "the vehicle is left to its own failsafe: it continues to land",
     Why.LEFT_ALONE: _left_alone,
-    Why.OTHER_IDS: "the vehicle that was launched is {vehicle}, and now {other} speaks with its ids",
+    Why.OTHER_IDS: "the vehicle that was launched is {vehicle}, and now {other} uses its ids",
     Why.CLOCK_AHEAD: "its clock is {seconds:.1f} s ahead of the one of the vehicle that was launched",
     Why.CLOCK_BACK: "it has rebooted, or it is not the vehicle that was launched: its clock has gone back",
     Why.PLACE_JUMPED: "its position has jumped by {metres:.0f} m, or it is another vehicle",
-    Why.MODE_UNKNOWN: "the vehicle has not said its mode for {seconds:g} s",
+    Why.MODE_UNKNOWN: "the vehicle has not reported its mode for {seconds:g} s",
     Why.NO_RADIO: "the autopilot receives no radio, so the pilot cannot have it",
     Why.NOT_DONE: lambda phase, because: f"the vehicle does not {_TASKS[phase]}: {in_words(because)}",
-    Why.NO_EXPLANATION: "it says nothing of why",
+    Why.NO_EXPLANATION: "it gives no reason",
     Why.UNDER_ANOTHER: "another vehicle of the team is above it, or may be",
     Why.NO_FRAMES_YET: "the receiver sends no frames",
     Why.ARMED_BY_OTHER: "another program or person has armed it, in {mode}",

@@ -129,7 +129,7 @@ _DOUBTS: Final = {
     "come every 0.2 s; set it to 1 to 3 s",
     "flies on": "warning: {parameter} {value:reported}: the vehicle flies on for as many seconds if set-points stop; "
     "set it to 1 to 3 s",
-    "sticks ignored": "warning: {parameter} {value:reported}: without its bit 0 PX4 ignores the sticks in LAND and "
+    "sticks ignored": "warning: {parameter} {value:reported}: without bit 0 PX4 ignores the sticks in LAND and "
     "Hold; set the bit, or take over with the mode switch",
 }
 _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or what chooses one of several
@@ -145,7 +145,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     events.FollowedSystemSilent: "warning: system {system} {was_heard:sends nothing any more|never sent anything}: "
     "transmitters that follow it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links",
     events.FollowedSystemHeard: "system {system} sends its position: transmitters follow it",
-    events.FramesLate: "warning: its frames are late, by {late_s:ms} now: this machine has too much to do; serve fewer "
+    events.FramesLate: "warning: its frames are late, now by {late_s:ms}: this machine is overloaded; serve fewer "
     "vehicles, or lower rate_hz",
     events.FramesRefused: "warning: no program takes the frames: they are dropped until one reads them",
     events.ReceiverRestarted: "warning: the receiver has restarted: frame {after} follows frame {before}",
@@ -172,7 +172,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     vehicles.VehicleBack: "vehicle {label} is back",
     vehicles.VehicleRebooted: "warning: vehicle {label} has rebooted: a new session",
     vehicles.OtherAutopilotIgnored: "another autopilot {system}/{component} on this link is ignored; "
-    "{same_ids:it has the same ids as this one: give it others|choose one with --target-system}",
+    "{same_ids:it has the same ids as this one: change them|choose one with --target-system}",
     vehicles.SignatureRefused: lambda e: _SIGNATURES[e.verdict],
     vehicles.ClockLeapt: "the vehicle's clock is ahead by {ahead_s:.0f} s: earlier packets came late",
     vehicles.PositionJumped: "warning: the vehicle's position has jumped by {by_m:.0f} m",
