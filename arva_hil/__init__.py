@@ -1,7 +1,7 @@
 """Hardware-in-the-loop emulator of an avalanche transceiver (ARVA) receiver.
 
 The names in `__all__` and the events in `arva_hil.events` are public; all others may change at any time.
-Names are imported when they are first used. `docs/howto/python.md` has examples.
+Names are imported when they are first used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`arva-hil`, which is `python -m arva_hil` too. Next to nothing is imported before Ctrl-C is answered."""
+"""`arva-hil`, also `python -m arva_hil`. It handles Ctrl-C before it imports anything slow."""
 
 import gc
 import os
@@ -8,10 +8,10 @@ INTERRUPTED = 130  # as in cli/outcome.py, which is not imported yet
 
 
 def main() -> int:
-    """Run the command that the command line names; gives back the exit code.
+    """Run the command that the command line names; return the exit code.
 
-    While a command is imported, and when it is over, a signal ends the process at once, as Ctrl-C does. An exception
-    would not do: in the middle of an import it may come out as another one.
+    While a command is imported, and after its end, a signal ends the process at once. An exception in the middle of an
+    import could become another one.
     """
     gc.disable()  # it would visit the new objects again and again; `cli.main` enables it before a command starts
     try:

@@ -28,7 +28,7 @@ from arva_hil.runtime.loop import run
 
 
 def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenario:
-    """Load a scenario: of a YAML file by its path or `builtin:NAME`, of YAML text, or of a mapping with the same keys.
+    """Load a scenario from a YAML file (a path or `builtin:NAME`), YAML text, or a mapping with the same keys.
 
     A string with a line break, or with a colon and a blank, is text. Raises ScenarioError with all mistakes, each with
     file, line and column.
@@ -69,15 +69,16 @@ def run_live(
 ) -> None:
     """Emulate the scenario's receivers for `duration_s`, or until `stopped()` is true, which is called often.
 
-    `autopilot`, `port`: connection strings; formats inside MAVLink have no port. In a scenario with `vehicles` each
-    receiver names its port, and `autopilot` is for vehicles that name none. A lost link is opened again.
-    `timeout_s`: for the first heartbeat of any vehicle. `max_age_s`: older poses are not used. `stream_hz`: the rate
-    of position and attitude to request. `target_system`, `target_component`: follow only this vehicle. `on_event`:
-    called with every event; it must be quick, because frames wait for it. An exception in it ends the run and is
-    raised here.
+    - `autopilot`, `port`: connection strings; formats inside MAVLink have no port. In a scenario with `vehicles` each
+      receiver names its port, and `autopilot` is for vehicles that name none. A lost link is opened again.
+    - `timeout_s`: for the first heartbeat.
+    - `max_age_s`: older poses are not used.
+    - `stream_hz`: rate of position and attitude to request.
+    - `target_system`, `target_component`: follow only this vehicle.
+    - `on_event`: called with every event, and must be quick. Its exception ends the run and is raised here.
 
-    Raises AddressError for a wrong connection string; LinkError if a link cannot be opened or is lost for good, or if
-    no heartbeat comes in time; ValueError for arguments that do not fit together.
+    Raises AddressError for a wrong connection string; LinkError for a link that cannot be opened or is lost for good,
+    or without a heartbeat in time; ValueError for arguments that do not fit together.
     """
     _check_scenario(scenario)
     sides = _sides(scenario, autopilot, port, target_system)
@@ -114,10 +115,9 @@ def replay(
 ) -> list[FrameMade]:
     """Return all frames that the scenario's receivers would send on a recorded flight (.tlog), as fast as possible.
 
-    The same log and scenario give the same frames. `port`: a connection string; frames are sent there too. All
-    `vehicles` of a scenario are sought in the log by their `system`, and their ports are not opened. For the other
-    arguments see `run_live`. Raises LinkError if the file cannot be read or is not a log; ValueError for arguments
-    that do not fit together.
+    The same log and scenario give the same frames. `port`: also send the frames there. The `vehicles` of a scenario are
+    found in the log by their `system`; their ports are not opened. Other arguments as in `run_live`. Raises LinkError
+    if the file cannot be read or is not a log; ValueError for arguments that do not fit together.
     """
     _check_scenario(scenario)
     if scenario.vehicles:
@@ -151,7 +151,7 @@ def replay(
 
 
 def _check_scenario(scenario: object) -> None:
-    """Raise ValueError for the name of a file in place of a scenario."""
+    """Raise ValueError for a file name instead of a scenario."""
     if not isinstance(scenario, Scenario):
         cure = f": write load_scenario({scenario!r})" if isinstance(scenario, str | os.PathLike | Mapping) else ""
         raise ValueError(f"scenario: {scenario!r}, expected a Scenario{cure}")
@@ -179,7 +179,7 @@ def _check_own(scenario: Scenario, port: str | None, target_system: int | None) 
 
 
 class _Watcher:
-    """Remembers why the run must end."""
+    """Remembers the reason to end the run."""
 
     def __init__(self, on_event: Callable[[Event], object], vehicles: int = 1) -> None:
         self._on_event = on_event

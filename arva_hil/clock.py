@@ -17,19 +17,19 @@ from pathlib import Path
 from typing import Protocol
 
 _POLL_S = 0.001  # between checks of a link without a descriptor
-_EARLY_S = 0.0005  # a processor that wakes up is slow for so long
+_EARLY_S = 0.0005  # a processor is slow for this time after it wakes up
 _SELECT_MAX = 1024  # select accepts only descriptors below this
 
 
 class Waitable(Protocol):
-    """Something that a clock can wait for, such as a `Link`."""
+    """An object that a clock can wait for, such as a `Link`."""
 
     def fileno(self) -> int | None: ...
     def ready(self) -> bool: ...
 
 
 def any_ready(links: Iterable[Waitable]) -> bool:
-    """Return True if one of the links has something to read."""
+    """Return True if one of the links has bytes to read."""
     for link in links:  # noqa: SIM110  # `any` takes longer, and this is asked before and after each wait
         if link.ready():
             return True
@@ -48,7 +48,7 @@ class Clock(Protocol):
         """Return the time in seconds."""
 
     def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
-        """Return at `deadline`, or earlier as soon as one of `links` has something to read."""
+        """Return at `deadline`, or earlier when one of `links` has bytes to read."""
 
 
 def await_descriptors(read: Sequence[int] = (), write: Sequence[int] = (), *, timeout_s: float | None = 0.0) -> bool:

@@ -22,7 +22,7 @@ class ArvaError(Exception):
 class KindError(ArvaError):
     """A receiver model, format, link, fault, strategy or observer cannot be used.
 
-    `found`: what is wrong; `cure`: what to do; `nearest`: the most similar name.
+    `found`: the mistake; `cure`: its cure; `nearest`: the most similar name.
     """
 
     def __init__(self, found: str, cure: str, nearest: str | None = None) -> None:

@@ -30,7 +30,7 @@ class Registry:
     gives the built-in names.
     """
 
-    def __init__(  # written out: dataclasses would take a tenth of the time of --help to import
+    def __init__(  # no dataclass: its import takes a tenth of the time of --help
         self,
         what: str,
         group: str,
@@ -61,7 +61,7 @@ class Registry:
         return name in self.built_in or name in self.loaded or bool(self._entries(str(name)))
 
     def __getitem__(self, name: str) -> Any:
-        """Return the kind of that name. Raises KindError if there is none, if there are two, or if it is unusable."""
+        """Return the kind of that name. Raises KindError if there is none, more than one, or an unusable one."""
         if name not in self.loaded:
             if name in self.built_in:
                 module, _, attribute = self.built_in[name].partition(":")

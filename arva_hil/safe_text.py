@@ -1,4 +1,4 @@
-"""Text for people: what comes from outside made safe, and lines broken between words.
+"""Text for people: safe forms of text from outside, and lines broken between words.
 
 Names of files, devices and programs, and texts from vehicles, may contain anything: escape codes that change a
 terminal, marks that change the reading direction, line breaks that fake a message.
@@ -28,7 +28,7 @@ def one_line(value: object) -> str:
 
 
 def shown(thing: object) -> str:
-    """Return the repr of what a plug-in has made, shortened; its class if its own `__repr__` raises."""
+    """Return the shortened repr of a plug-in's object; its class if its own `__repr__` raises."""
     try:
         text = repr(thing)
     except Exception:

@@ -29,6 +29,8 @@ autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 100
 autodoc_preserve_defaults = True
+autodoc_inherit_docstrings = False
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}
 doctest_global_setup = "import math\nfrom arva_hil import *"
 
 html_theme = "furo"

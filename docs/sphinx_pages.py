@@ -14,12 +14,14 @@ from typing import Any, Final
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 
 import arva_hil
 from arva_hil import events
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
+from arva_hil.config.tables import Table
 from arva_hil.events import searches, teams, vehicles
 from arva_hil.events.event_json import event_name
 from tools import write_reference
@@ -45,8 +47,17 @@ API: Final = {  # groups of the public names, in the order of the page
     "Plug-ins": "ReceiverModel ReceiverSettings Answer Link Address Opening AddressError LinkError LinkEnded FaultKind "
     "Number Whole Observer KindError UnknownKindError",
 }
+MEMBERS: Final = {  # of classes with more for this package alone
+    "CommandParser": "option, usual, group",
+    "LocalFrame": "ned, lla",
+    "Session": "feed, poll, interrupt, resume",
+    "Transmitters": "field_at, ranges",
+}
+WITHOUT: Final = ("PaperReceiver", "Scenario", "Fault", "Transmitter", "Number", "Whole", "FaultKind")  # members
+PAGES: Final = {"search": "[Search](../howto/search.md) and its [safety](../explanation/safety.md)"}
 EVENTS: Final = {"Run": events, "Vehicle": vehicles, "Search": searches, "Team": teams}
 _PAGES: Final = {ROOT / text: HERE / f"{page}.md" for page, text in ELSEWHERE.items()}
+_ARRAY: Final = re.compile(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[(\w+)\]\]")
 _LINK: Final = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?(?=\))")
 
 
@@ -54,6 +65,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", read)
     app.connect("autodoc-process-docstring", literals)
     app.connect("autodoc-process-signature", signature)
+    app.connect("autodoc-skip-member", leave_out)
     app.add_html_math_renderer("mathml", (_mathml("inline"), None), (_mathml("block"), None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -85,8 +97,8 @@ def read(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def literals(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
-    """`Code` of a docstring, which reStructuredText marks by two backticks. What a named tuple says by itself goes."""
-    if lines and lines[0].startswith("Alias for field number"):
+    """`Code` of a docstring, which reStructuredText marks by two backticks. A value has no docstring of its own."""
+    if what == "data":
         lines.clear()
     lines[:] = [re.sub(r"(?<![`:\w])`([^`]+)`(?!`)", r"``\1``", line) for line in lines]
 
@@ -94,10 +106,22 @@ def literals(app: Sphinx, what: str, name: str, item: object, options: object, l
 def signature(
     app: Sphinx, what: str, name: str, item: object, options: object, arguments: str | None, returns: str | None
 ) -> tuple[str | None, str | None]:
-    """Of what a file may say the names alone: its types carry what the scenario's page has."""
-    if arguments and dataclasses.is_dataclass(item) and "Annotated" in arguments:
-        return "(" + ", ".join(field.name for field in dataclasses.fields(item)) + ")", returns
-    return arguments, returns
+    """Only the names of keys of files, whose types are on the scenario's page, and of fields that follow with theirs."""
+    if arguments and inspect.isclass(item) and (issubclass(item, Table) or described_fields(item)):
+        arguments = "(" + ", ".join(inspect.signature(item).parameters) + ")"
+    shorter = (text and _ARRAY.sub(r"NDArray[\1]", text) for text in (arguments, returns))
+    return next(shorter), next(shorter)
+
+
+def described_fields(item: type) -> set[str]:
+    """Return the names of the fields of a class that have a docstring of their own."""
+    found = ModuleAnalyzer.for_module(item.__module__).find_attr_docs()
+    return {name for owner, name in found if owner == item.__qualname__}
+
+
+def leave_out(app: Sphinx, what: str, name: str, item: object, skip: bool, options: object) -> bool | None:
+    """Leave out the fields of a named tuple, which its signature has with their types."""
+    return True if (inspect.getdoc(item) or "").startswith("Alias for field number") else None
 
 
 def api_sections() -> Iterator[str]:
@@ -116,7 +140,8 @@ def _directive(name: str) -> str:
     item = getattr(arva_hil, name)
     if inspect.isclass(item):
         kind = "autoexception" if issubclass(item, BaseException) else "autoclass"
-        return f".. {kind}:: arva_hil.{name}\n   :members:"
+        members = "" if name in WITHOUT else f"\n   :members: {MEMBERS.get(name, '')}".rstrip()
+        return f".. {kind}:: arva_hil.{name}{members}"
     return f".. {'autofunction' if inspect.isfunction(item) else 'autodata'}:: arva_hil.{name}"
 
 
@@ -126,6 +151,7 @@ def command_sections() -> Iterator[str]:
     An option that another command above has too is not repeated.
     """
     first: dict[str, str] = {}  # a row → the command that has it
+    flags: dict[str, list[str]] = {}  # a command → the first flags of its own rows
     for name in COMMANDS:
         add_options = arguments_of(name)
         parser = CommandParser(prog=f"arva-hil {name}")
@@ -135,14 +161,25 @@ def command_sections() -> Iterator[str]:
         for flag, row in _rows(parser):
             if first.setdefault(row, name) == name:
                 own.append(row)
+                flags.setdefault(name, []).append(flag)
             else:
-                shared.setdefault(first[row], []).append(f"`{flag}`")
+                shared.setdefault(first[row], []).append(flag)
         table = ["| option | meaning |\n|---|---|\n" + "\n".join(own)] if own else []
-        same = [f"As in [{other}](#{other}): {', '.join(flags)}." for other, flags in shared.items()]
+        same = [f"As in [{other}](#{other}): {_all_but(theirs, flags[other])}." for other, theirs in shared.items()]
         options = [one for one in parser._actions if one.option_strings and not isinstance(one, argparse._HelpAction)]
         never = [f"`{one.option_strings[0]}`" for one in options if one.dest not in variables]
         note = [f"Not in the environment: {', '.join(never)}."] if variables and never else []
-        yield "\n\n".join([f"## {name}", _prose(inspect.getdoc(add_options) or ""), *table, *same, *note])
+        about = _prose(inspect.getdoc(add_options) or "")
+        if name in PAGES:
+            about = about.split("\n\n")[0] + f"\n\nRead first: {PAGES[name]}."
+        yield "\n\n".join([f"## {name}", about, *table, *same, *note])
+
+
+def _all_but(flags: list[str], of: list[str]) -> str:
+    """Return flags in words; those of most of another command's by the rest of them."""
+    left = [flag for flag in of if flag not in flags]
+    listed = ", ".join(f"`{flag}`" for flag in (left if 2 * len(left) < len(flags) else flags))
+    return f"all options except {listed}" if left and 2 * len(left) < len(flags) else listed if left else "all options"
 
 
 def event_tables() -> Iterator[str]:

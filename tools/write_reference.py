@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from arva_hil.config.campaign import CampaignPlan
+from arva_hil.config.common import Angles
 from arva_hil.config.constraints import ListOf
 from arva_hil.config.drawn import Random
 from arva_hil.config.faults import Fault
@@ -98,9 +99,17 @@ def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]
         usual = "required" if name in cls.__required__ else _default(one)
         said = ("*2* " if one.since > spec else "") + one.help
         yield f"`{prefix}{name}`", constraint.kind, constraint.range, constraint.unit, usual, said
-        if below is not None and below is not Fault:
+        if below is Angles:
+            yield f"`{prefix}{name}.roll`, `.pitch`, `.yaw`", "number", *_angle(below), "about x, y and z"
+        elif below is not None and below is not Fault:
             dot = "[]." if isinstance(constraint, ListOf) else "."
             yield from _rows(below, f"{prefix}{name}{dot}", max(one.since, spec))
+
+
+def _angle(cls: Any) -> tuple[str, str, str]:
+    """The range, unit and default that the three angles have in common."""
+    one = keys(cls)["roll"]
+    return one.constraint.range, one.constraint.unit, _default(one)
 
 
 def _model_table(model: str) -> Iterator[str]:

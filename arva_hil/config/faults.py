@@ -28,9 +28,12 @@ _OTHER: Final = ("by_ned", "over_s", *_SCHEDULE)  # keys beside the name of a fa
 class FaultKind(NamedTuple):
     """A kind of fault: its stage, its valid values (None: only `true`), its help, and the other keys that it needs.
 
-    `strike` depends on the stage. `heard`: `(look, switch)` returns the changed sample. `sent`: `(sending, value,
-    random)` changes how a frame is sent, and returns whether it did. `wire`: `(bytes of a frame, value, random)`
-    returns the changed bytes and the number of changes. None: `arva_hil.emulator.faults` handles it by its name.
+    `strike` depends on the stage; None: `arva_hil.emulator.faults` handles the fault by its name.
+
+    - `heard`: (look, switch) returns the changed sample.
+    - `sent`: (sending, value, random) changes the sending of a frame, and returns True if it did.
+    - `wire`: (bytes of a frame, value, random) returns the changed bytes and the number of changes.
+
     `options`: a dataclass whose fields are own keys of the fault; `strike` gets it as the argument `options`.
     """
 

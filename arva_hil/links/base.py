@@ -45,16 +45,18 @@ class Opening(NamedTuple):
 class Link(ABC):
     """A two-way byte stream that never blocks.
 
-    A kind of link with a connection string has a class method `open(address: Address, how: Opening)`, which returns
-    a link or raises LinkError. `reopened`: a lost link of this kind should be opened again.
+    A kind with a connection string has a class method `open(address: Address, how: Opening)`, which returns a link or
+    raises LinkError. `reopened`: a lost link of this kind should be opened again.
 
-    `name`: the connection string for a person. `dropped`: the number of writes that were dropped because the far end
-    does not read. `refusals`: how often the far machine reported that no program listens there. `strangers`: the number
-    of reads from other senders than the peer; `stranger`: the address of the first of them.
+    - `name`: the connection string.
+    - `dropped`: number of writes dropped because the far end does not read.
+    - `refusals`: number of reports that no program listens at the far end.
+    - `strangers`: number of reads from other senders than the peer. `stranger`: address of the first.
 
-    Some kinds survive the loss of their far end. `losses`: how often it was lost; `why`: the message of the last
-    loss, or what a person must do before the link can return; `renewals`: how often a new far end replaced a lost
-    one; `returns`: the renewals that lasted.
+    Some kinds survive the loss of their far end:
+
+    - `losses`: number of losses. `why`: message of the last loss, or what a person must do before the link can return.
+    - `renewals`: number of new far ends. `returns`: number of renewals that lasted.
     """
 
     reopened: bool = False

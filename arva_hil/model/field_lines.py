@@ -1,7 +1,7 @@
-"""The pictures of the field on the map: flux lines and lines of equal d in a plane, as polylines.
+"""The field on the map: flux lines and lines of equal d in a plane, as polylines.
 
-They are what a level receiver measures at the height of the plane: the flux line is where its arrow points, and d is
-the distance that it reports. NED, metres.
+They are those of a level receiver at the height of the plane: its arrow points along the flux line, and it reports d.
+NED, metres.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ EQUAL_D_M: Final = (5.0, 10.0, 20.0, 30.0, 40.0, 50.0)
 
 _TURNS: Final = 90  # directions from the transmitter
 _RADII_M: Final = np.geomspace(0.2, 160.0, 320)
-_UNHEARD_M: Final = 1e3  # stands for d without a signal
+_UNHEARD_M: Final = 1e3  # d without a signal
 _SEEDS_M: Final = (2.0, 4.0, 7.0, 12.0, 20.0, 32.0)
 _STEPS: Final = 110
 _FAR_M: Final = 75.0  # lines end there
 _NEAR_M: Final = 0.4
-_FLAT: Final = 0.3  # of a dipole's axis that is horizontal; below it the lines are rays
+_FLAT: Final = 0.3  # horizontal share of a dipole's axis below which the lines are rays
 
 
 def field_lines(transmitters: Transmitters, down_m: float, kappa_eq: float) -> list[dict[str, Any]]:

@@ -31,7 +31,7 @@ class Audience:
                     observer.observe(event)
                 except KeyboardInterrupt:
                     raise
-                except BaseException as error:  # also SystemExit, and whatever else another package raises
+                except BaseException as error:  # also SystemExit, from another package
                     self._switch_off(observer, event, error)
 
     def _switch_off(self, observer: Observer, event: Event, error: BaseException) -> None:

@@ -23,11 +23,11 @@ from arva_hil.runtime.ready_links import ReadyLinks
 LOOK_AHEAD_S: Final = 1.0  # how far a log is read after the instant of a frame, to interpolate
 
 _LOOK_S: Final = 0.05  # the shortest time between two checks of the links; these are no deadlines
-_HELD_UP_S: Final = 0.001  # frames that are due wait this long for bytes that have arrived, and
-_CATCH_UP_S: Final = 0.25  # late ones as long again as they are late, but no longer than this
+_HELD_UP_S: Final = 0.001  # due frames wait this long for bytes that have arrived
+_CATCH_UP_S: Final = 0.25  # late frames wait as long again as they are late, but no longer than this
 _PIECE: Final = 4096  # bytes that are used before the time is checked again
-_REST_S: Final = 0.05  # bytes may wait this long for others, or for a frame: a busy stream takes half of the CPU time,
-_PROMPT: Final = 8  # but those after each eighth read do not wait, because the vehicle's clock is read from them
+_REST_S: Final = 0.05  # bytes may wait this long for others, or for a frame, to halve the CPU time of a busy stream
+_PROMPT: Final = 8  # bytes after each eighth read do not wait, because they give the vehicle's clock
 _SIGNALS_S: Final = 0.1  # a replay notices a signal within this time
 
 
@@ -78,7 +78,7 @@ class Live:
         self._reads = 0
         self._gone: set[str] = set()
         for name, link in autopilots.items():
-            link.follow(None)  # a client that says nothing gets nothing
+            link.follow(None)  # a client that sends nothing gets nothing
             if link.away:  # it is not there yet
                 emulator.link_lost(name, link.why, -math.inf)
 
@@ -89,7 +89,7 @@ class Live:
     def service(self, clock: Clock) -> float:
         """Read the links, and do what is due. Returns the next time to call.
 
-        The clock says how early it should be called after a longer sleep, because a processor that wakes up is slow.
+        `clock.early_s` is the advance after a longer sleep, because a processor that wakes up is slow.
         """
         now = clock.now()
         late_s = now - self.emulator.next_deadline()
@@ -97,7 +97,7 @@ class Live:
         reads = self._reads
         for name in self._ready.names():
             while self._read(name, clock, patience) and late_s > _HELD_UP_S and clock.now() <= patience:
-                pass  # a program that was held up reads all that waits
+                pass  # after a delay read all waiting bytes
         now = clock.now()
         may_rest = clock.early_s > 0 and not self.emulator.options.needs_times
         self._rests = may_rest and self._reads > reads and self._reads % _PROMPT > 0
@@ -136,7 +136,7 @@ class Live:
             if self._is_last(name, error, now):
                 raise
             return False
-        came = clock.now()  # after the bytes: a late time stamp makes a pose older, an early one newer than it is
+        came = clock.now()  # after the bytes: an early time stamp would make a pose newer than it is
         for sender, data in chunks:
             for at in range(0, len(data), _PIECE):
                 now = clock.now()

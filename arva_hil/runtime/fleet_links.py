@@ -1,4 +1,4 @@
-"""The links of a run and its vehicles; of a scenario that names its vehicles each link once."""
+"""The links of a run and of its vehicles, each link once."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def shared_links(source: str, autopilots: dict[str, str]) -> dict[str, str]:
 
 
 def check_links(source: str, ports: Mapping[str, str], autopilots: Mapping[str, str], *, json: bool = False) -> None:
-    """Check that each port can be one for frames, and that no two of all links are at the same place.
+    """Check that frames can be sent to each port, and that no two links have the same address.
 
     `json`: stdout has other lines. Raises ValueError.
     """
@@ -120,7 +120,7 @@ def check_links(source: str, ports: Mapping[str, str], autopilots: Mapping[str, 
         if kind == "tlog":
             raise ValueError(f"{source}: {name}: its port {address} is a log: frames cannot be sent there")
         if kind == "stdout" and json:
-            raise ValueError(f"{source}: {name}: --json and its port - both want stdout: choose one")
+            raise ValueError(f"{source}: {name}: --json and its port - both go to stdout: choose one")
         where = _place(source, name, address)
         if where != Address("pty") and where in taken:
             raise ValueError(f"{source}: {name}: its port {address} is also {taken[where]}: each needs its own")

@@ -1,4 +1,4 @@
-"""Makes events about a link that may be lost and come back."""
+"""Events about a link that may be lost and come back."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LinkMonitor:
 
     def poll(self, now: float) -> list[Event]:
         """Return the events since the last call."""
-        if (state := _STATE(self._link)) == self._state:  # then it is away as it was
+        if (state := _STATE(self._link)) == self._state:  # still away
             return []
         before, self._state, was_away, away = self._state, state, self._away, self._link.away
         self._away, events, about = away, list[Event](), (now, self._name, self._link.name)

@@ -9,18 +9,18 @@ from typing import Final, Protocol
 from arva_hil.clock import Clock, Waitable, any_ready, punctual
 
 _LONGEST_WAIT_S: Final = 0.1  # the longest time without a check for signals and without serving a task
-_AT_ONCE_S: Final = 1e-6  # deadlines closer than this are the same: they were calculated differently
+_AT_ONCE_S: Final = 1e-6  # closer deadlines are equal but for rounding
 
 
 class Task(Protocol):
-    """Something to call when it is due or when it can read bytes."""
+    """A task, to call when it is due or when it can read bytes."""
 
     @property
     def links(self) -> Sequence[Waitable]:
         """The links to wait for."""
 
     def service(self, clock: Clock) -> float:
-        """Do what is due. Returns the latest time for the next call [s]."""
+        """Do all work that is due. Returns the latest time for the next call [s]."""
 
 
 def run(

@@ -1,4 +1,4 @@
-"""The links, of several, that can be read."""
+"""The links that can be read, among several."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ try:
 except ImportError:  # Windows: without a lock, the last program that writes wins
     fcntl = None  # type: ignore[assignment]
 
-_KEEP_S: Final = 5.0  # a program that is killed loses this much
+_KEEP_S: Final = 5.0  # interval of saving: a killed program loses this much
 _MOST_STREAMS: Final = 1024
 _LARGEST_FILE: Final = 1 << 20  # bytes
 _OWNERS: Final = 0o600

@@ -1,4 +1,4 @@
-"""Does slow work on a thread, so that a full disk or a stopped terminal never blocks the loop."""
+"""Slow work on a thread, so that a full disk or a stopped terminal never blocks the loop."""
 
 from __future__ import annotations
 

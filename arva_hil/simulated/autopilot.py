@@ -18,7 +18,7 @@ _IDLE: Final = 10_000_000 // STEP_US  # DISARM_DELAY
 _APPROACH_SPEED: Final = 5.0  # m/s, towards a position
 _APPROACH_GAIN: Final = 0.8  # 1/s
 _BRAKE: Final = 1.5  # m/s², in an approach
-_LAND_SPEED: Final = 0.5  # m/s, below this height:
+_LAND_SPEED: Final = 0.5  # m/s, below `_LAND_SLOW_HEIGHT`
 _LAND_SLOW_HEIGHT: Final = 10.0  # m
 _RTL_HEIGHT: Final = 15.0
 _STILL: Final = (0.0, 0.0, 0.0)
@@ -52,7 +52,7 @@ class SimulatedAutopilot:
     def __init__(self, wind: Vector) -> None:
         self.motion = Multirotor(wind)
         self.mode = Mode.STABILIZE
-        self.ready = False  # the position is known: it can arm
+        self.ready = False  # the position is known, so it can arm
         self.armed = False
         self.landed = True
         self.taking_off = False
@@ -103,7 +103,7 @@ class SimulatedAutopilot:
         self.taking_off = False
 
     def step(self) -> None:
-        """10 ms of flight."""
+        """Fly for 10 ms."""
         motion = self.motion
         flies = self.armed and (self.taking_off or not self.landed)
         velocity, yaw_rate = self._wanted(motion) if flies else (_STILL, 0.0)

@@ -187,7 +187,7 @@ class ClosedLoop:
     reported pose.
 
     `stream_hz`: of the pose, on both links. `start`: s. `sensors`: of the vehicles, besides their GPS. `wind`: NED,
-    m/s. `tell_packets`: whether the observers get all packets, for a record. `emit` gets the events of each search,
+    m/s. `tell_packets`: the observers get all packets, for a record. `emit` gets the events of each search,
     with its vehicle's name; by default the observers get them. `log` gets the steps of each search. `wires`: of each
     drone; by default in memory.
     """

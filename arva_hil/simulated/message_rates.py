@@ -1,4 +1,4 @@
-"""The messages that the built-in vehicle sends regularly, and when. Times are µs on its clock."""
+"""The regular messages of the built-in vehicle, and their times in µs on its clock."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class MessageRates:
         return ids
 
     def request(self, msgid: int, interval_us: int, now: int) -> bool:
-        """SET_MESSAGE_INTERVAL: 0 is the default, -1 is never. Returns False if it is denied."""
+        """Handle SET_MESSAGE_INTERVAL: 0 is the default, -1 is never. Returns False if it is denied."""
         if msgid not in BUILDERS or (interval_us not in (0, -1) and interval_us < _SHORTEST_US):
             return False
         if interval_us == 0 or (msgid == _HEARTBEAT and interval_us == -1):
@@ -64,7 +64,7 @@ class MessageRates:
         return True
 
     def request_group(self, stream: int, rate_hz: int, now: int) -> None:
-        """REQUEST_DATA_STREAM: 0 Hz stops it."""
+        """Handle REQUEST_DATA_STREAM: 0 Hz stops the stream."""
         for msgid in _GROUPS.get(stream, ()):
             self._set(msgid, max(1_000_000 // rate_hz, _SHORTEST_US) if rate_hz else None, now)
 

@@ -1,4 +1,4 @@
-"""Converts between the state of the simulated vehicle and MAVLink messages.
+"""Conversions between the state of the simulated vehicle and MAVLink messages.
 
 Fields: https://mavlink.io/en/messages/common.html
 """

@@ -55,7 +55,7 @@ class Motion(NamedTuple):
     rates: Vector  # about the body axes, rad/s
 
 
-_motion: Final = partial(tuple.__new__, Motion)  # from the tuple of its fields, in a third of the time
+_motion: Final = partial(tuple.__new__, Motion)  # three times faster than the class
 
 
 class Multirotor:
@@ -76,7 +76,7 @@ class Multirotor:
     def step(self, velocity: Vector, yaw_rate: float, powered: bool) -> None:
         """Fly for 10 ms towards a velocity (NED, m/s) and yaw rate (rad/s); unpowered: fall or stay on the ground.
 
-        This is called 100 times a second, so it uses comparisons instead of min, max and small functions.
+        For speed it uses comparisons instead of min, max and small functions.
         """
         vn, ve, vd, ln, le, ld, fn, fe, fd, turning, lagged, lean = self._moving
         down = self.down
@@ -133,7 +133,7 @@ class Multirotor:
             raise ValueError(f"the motion at {time_us * 1e-6:.3f} s is not known")
         a, b = self._nodes[back], self._nodes[back + 1]
         q, rates = _turn(self._quaternion(a), self._quaternion(b), rest / STEP_US)
-        if not rest:  # as nearly always
+        if not rest:  # the usual case
             return _motion((a[:3], a[3:6], q, rates))
         s = rest * 1e-6
         half, moving = s * s / (2 * _STEP), list(zip(a[:3], a[3:6], b[3:6], strict=True))

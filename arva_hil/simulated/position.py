@@ -32,7 +32,7 @@ class Home:
         return float(lat), float(lon), float(alt)
 
     def lla_fast(self, ned: Vector) -> Vector:
-        """`lla` within 0.1 mm in a tenth of the time: linear in each cube of 16 m."""
+        """Return `lla` within 0.1 mm in a tenth of the time: linear in each cube of 16 m."""
         n, e, d = ned
         cell = round(n / 16), round(e / 16), round(d / 16)
         x, y, z = cell[0] * 16.0, cell[1] * 16.0, cell[2] * 16.0

@@ -40,12 +40,14 @@ class Truth(NamedTuple):
 class SimulatedVehicle:
     """Remembers a flight and the requested messages. Times are seconds on the caller's clock and never go back.
 
-    `home`: latitude and longitude in degrees, altitude above mean sea level in metres: there it stands, heading north,
-    on flat ground. `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of the slow error of reported positions.
-    `boot_time`: when it is switched on. `fix_after`: seconds from boot to the first fix. `streams`: message id → Hz,
-    sent without a request. `version`: of MAVLink, 1 or 2. `signing`: sign packets, and accept only signed ones.
-    `sensors`: besides GPS, bits of MAV_SYS_STATUS_SENSOR: barometer, rangefinder. Raises ValueError for an
-    unknown stream.
+    - `home`: degrees, degrees, metres AMSL. It stands there on flat ground, heading north.
+    - `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of the slow error of reported positions.
+    - `boot_time`: of switching on. `fix_after`: seconds from boot to the first fix.
+    - `streams`: message id → Hz, sent without a request. `version`: of MAVLink, 1 or 2.
+    - `signing`: sign packets, and accept only signed ones.
+    - `sensors`: bits of MAV_SYS_STATUS_SENSOR besides GPS: barometer, rangefinder.
+
+    Raises ValueError for an unknown stream.
     """
 
     def __init__(
@@ -252,7 +254,7 @@ class SimulatedVehicle:
             self._send(value)
 
     def _on_mission_list(self, message: Message, packet: Packet) -> None:
-        """Ground stations request the mission: there is none."""
+        """Answer that there is no mission; ground stations request it."""
         kind = getattr(message, "mission_type", 0)
         self._send(dialect.MAVLink_mission_count_message(packet.system, packet.component, 0, kind))
 

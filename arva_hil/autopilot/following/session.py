@@ -56,13 +56,14 @@ class Heartbeats:
 class Session:
     """Follows one vehicle: found by its first heartbeat, then recognized by its system and component ids.
 
-    `target_system`, `target_component`: follow only these (default: the first autopilot, component 1). `rate_hz`: of
-    the pose streams. `passive`: never send, for a log. `component`: our own id. `signing`: accept only packets signed
-    with its key, and sign. `reader`: of the link, with its signing, if several sessions share a link: each `receive`s
-    the packets that it has read. `name`: the vehicle's, in its events. Times are host seconds from the caller's clock.
+    - `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
+    - `rate_hz`: of the pose streams. `passive`: never send, for a log. `component`: our own id.
+    - `signing`: sign, and accept only packets signed with its key.
+    - `reader`: of the link, if several sessions share it: each receives the packets that it has read.
+    - `name`: the vehicle's, in its events.
 
-    Packets of other systems change nothing. Of several senders on the link only `senders.vehicle` is accepted. After it
-    has been silent for 3 s, another sender with the vehicle's ids may take its place.
+    Times are host seconds from the caller's clock. Packets of other systems change nothing. After 3 s of silence of the
+    vehicle's sender, another sender with the vehicle's ids may replace it.
     """
 
     def __init__(

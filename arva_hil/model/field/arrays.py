@@ -1,4 +1,4 @@
-"""Checks arguments that are arrays. Accepts lists of numbers; refuses anything else, with the argument's name."""
+"""Checks of arguments that are arrays. Lists of numbers are accepted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 
 def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
-    """`value` as an array of floats whose last dimensions are `shape`; None in it means any length.
+    """Return `value` as an array of floats whose last dimensions are `shape`; None in it means any length.
 
     Raises ValueError with the argument's name, what was found, and what was expected.
     """

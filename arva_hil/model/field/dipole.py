@@ -112,7 +112,7 @@ class Following:
 
 
 class MovingTransmitters:
-    """Transmitters of which some move: `motions` by index. Those at rest are never copied.
+    """Transmitters of which some move: `motions` by index. The others are never copied.
 
     `systems`: the vehicles that carry some.
     """
@@ -149,10 +149,9 @@ def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, 
     """Return the field (..., M, 3) in NED of each of M dipoles at each of the points (..., 3) in NED, metres.
 
     `positions` (M, 3) in NED, metres; `rotations` (M, 3, 3) transmitter → NED, the dipole along the transmitter's x;
-    `strengths` (M,) κ‖m‖, 1 for the reference transmitter. The field is in units of that: 1 / (2π) on the axis at 1 m.
-    Eq. 1 and 2 with A(r) and R_t multiplied out: h = κ‖m‖ / (4π‖r‖³) · (3(a·n)n − a), where a is the dipole's
-    axis and n = r/‖r‖, both in NED. Finite everywhere: nearer than 1 cm it is the same as at 1 cm.
-    Lists are accepted as arrays. Raises ValueError for wrong shapes.
+    `strengths` (M,) κ‖m‖, 1 for the reference transmitter, whose field is 1 / (2π) on the axis at 1 m.
+    Eq. 1 and 2: h = κ‖m‖ / (4π‖r‖³) · (3(a·n)n − a), with the dipole's axis a and n = r/‖r‖. Within 1 cm the field is
+    that at 1 cm. Lists are accepted as arrays. Raises ValueError for wrong shapes.
 
     >>> field = dipole_field([[1, 0, 0], [0, 2, 0]], [[0, 0, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1])
     >>> field.shape
@@ -173,7 +172,7 @@ def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, 
     return h.reshape(*points.shape[:-1], m, 3)
 
 
-@np.errstate(all="ignore")  # where the formula fails, `one_field` is used
+@np.errstate(all="ignore")  # `one_field` is used where the formula fails
 def field_of(places: Array, positions: Array, moments: Array) -> Array:
     """Return the field (3, M, N) of dipoles at places, NED. Arguments: (3, M, N), with 1 for a constant M or N.
 

@@ -30,7 +30,7 @@ def to_ecef(lat_deg: ArrayLike, lon_deg: ArrayLike, alt_m: ArrayLike) -> Array:
 
 
 def _from_ecef(ecef: Array) -> tuple[Array, Array, Array]:
-    """(lat_deg, lon_deg, alt_m) each (...), by Bowring's iteration: two rounds are enough near the ground."""
+    """Return (lat_deg, lon_deg, alt_m), each (...), by Bowring's iteration: two rounds are enough near the ground."""
     x, y, z = ecef[..., 0], ecef[..., 1], ecef[..., 2]
     p = np.hypot(x, y)
     sin, cos = z, p * (1 - _F)  # of the reduced latitude, not yet to scale
@@ -82,7 +82,7 @@ class LocalFrame:
         return ned
 
     def ned_of(self, lat_deg: float, lon_deg: float, alt_m: float) -> tuple[float, float, float]:
-        """`ned` of one place in plain floats, in a sixth of the time."""
+        """Return `ned` of one place in plain floats, in a sixth of the time."""
         lat, lon = math.radians(lat_deg), math.radians(lon_deg)
         sin, cos = math.sin(lat), math.cos(lat)
         normal = _A / math.sqrt(1 - _E2 * sin * sin)
@@ -94,5 +94,5 @@ class LocalFrame:
         return x * nx + y * ny + z * nz, x * ex + y * ey + z * ez, x * dx + y * dy + z * dz
 
     def lla(self, ned: ArrayLike) -> tuple[Array, Array, Array]:
-        """(lat_deg, lon_deg, alt_m), each (...), of positions (..., 3); to 1e-9 degrees and 1 µm."""
+        """Return (lat_deg, lon_deg, alt_m), each (...), of positions (..., 3); to 1e-9 degrees and 1 µm."""
         return _from_ecef(self._origin + floats("ned", ned, 3) @ self._ned_to_ecef.T)

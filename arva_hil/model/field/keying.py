@@ -57,7 +57,7 @@ class Keying:
     drift_ppm: float = 0.0  # of the set's clock: its period is longer by this
     carrier_hz: float = 0.0  # offset from 457 kHz
     leak_db: float | None = None  # carrier in the pauses, relative to a pulse; None: none
-    from_s: float = -math.inf  # it sends from this time on: it was switched on, or returned to sending by itself
+    from_s: float = -math.inf  # it sends from this time on
     battery: float = 1.0  # charge at the start of the run, 0…1
     battery_life_s: float = math.inf  # from a full battery to an empty one
     seed: int = 0  # of the jitter
@@ -90,7 +90,7 @@ class Keying:
 def pulses_of(keyings: Sequence[Keying], t0: float, t1: float) -> tuple[NDArray[np.int64], Pulses]:
     """Return the pulses of several transmitters that start in [t0, t1), in order, and the index of each sender.
 
-    Those of many need hardly more time than those of one.
+    Many transmitters take hardly more time than one.
     """
     periods = [k.period_s * (1 + k.drift_ppm * 1e-6) for k in keyings]
     every = []

@@ -29,7 +29,7 @@ class SentPulse(NamedTuple):
 class PulseTimeline:
     """The pulses of transmitters with these `keyings`.
 
-    It keeps those of the present stretch of time, which is short, so that no call takes long. Calls go forward in time:
+    It keeps the pulses of a short stretch of time, so that no call takes long. Calls go forward in time:
     `next_end` and `take` never return a pulse that ended before one already taken.
     """
 

@@ -106,7 +106,7 @@ def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
 
 
 def to_euler(rotation: ArrayLike) -> Array:
-    """(roll, pitch, yaw) (..., 3) of quaternions (..., 4) or matrices (..., 3, 3); pitch in [−π/2, π/2].
+    """Return (roll, pitch, yaw) (..., 3) of quaternions (..., 4) or matrices (..., 3, 3); pitch in [−π/2, π/2].
 
     Right at pitch ±π/2 too, where only roll ∓ yaw is defined: the returned yaw fits the returned roll.
     """
@@ -121,7 +121,7 @@ def to_euler(rotation: ArrayLike) -> Array:
 
 def to_matrix(q: ArrayLike) -> Array:
     """Return rotation matrix (..., 3, 3), body → world, of a quaternion (..., 4)."""
-    if isinstance(q, tuple) and len(q) == 4 and isinstance(q[0], float):  # a single one, as it is nearly always
+    if isinstance(q, tuple) and len(q) == 4 and isinstance(q[0], float):  # a single one: the usual case
         return np.array(matrix(*q))
     q = np.asarray(q, float)
     if q.shape == (4,):
@@ -156,7 +156,7 @@ class Mount:
         return position + R_body @ self._position, R_body @ self._rotation
 
     def place(self, position: ArrayLike, attitude: ArrayLike) -> Array:
-        """`pose` without the rotation."""
+        """Return the position of `pose`, without the rotation."""
         if not self._aside:
             return np.asarray(position, float)
         place: Array = position + to_matrix(attitude) @ self._position

@@ -9,7 +9,7 @@ from typing import Final
 
 Point = tuple[float, float, float]
 
-_AT_M: Final = 0.5  # for the noise of a motor: the distance that makers require between a receiver and electronics
+_AT_M: Final = 0.5  # distance of the specified noise: makers require it between a receiver and electronics
 _NEAREST_M: Final = 0.05
 
 

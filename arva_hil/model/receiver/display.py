@@ -17,7 +17,7 @@ _LARGEST_CM: Final = {"digits": 9900, "cm": 32767}  # two digits; what frames ca
 class Display:
     """Remembers the last direction of each transmitter, for receivers that keep it near the transmitter.
 
-    `kappa_eq`: turns field into distance. Signals are in units of the reference transmitter's field.
+    `kappa_eq`: factor from field to distance. Signals are in units of the reference transmitter's field.
     """
 
     def __init__(self, options: PulsedOptions, kappa_eq: float) -> None:

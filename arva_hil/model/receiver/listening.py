@@ -75,7 +75,7 @@ class Listening:
         return self._timeline.next_end(after_s, after_s + _IDLE_S)
 
     def look(self, look: Look) -> bool:
-        """Use a sample. Returns whether its transmitters are new."""
+        """Use a sample. Return True if its transmitters are new."""
         self._look = look
         if look.transmitters.keyings == self._given:
             return False

@@ -20,7 +20,7 @@ from arva_hil.model.receiver.noise import noise_bound, noise_of
 from arva_hil.model.receiver.paper import INNER_M, MID_M, Antennas, outputs, receive
 
 _PAIRS = 40000  # of a pose and a transmitter, at most, in one block
-_MARGIN = 1.0001  # of what is compared with a bound: rounding decides nothing
+_MARGIN = 1.0001  # factor of bounds, so that rounding decides nothing
 _HALF_DEGREES = 360 / math.pi
 _FAR_M = 1e50  # a transmitter farther away has no signal; squares of distances stay finite
 
@@ -50,9 +50,8 @@ def readings(
 ) -> Readings:
     """Return the readings at `positions` (N, 3) in NED, metres, turned by `rotations` (N, 3, 3) receiver → NED.
 
-    `antennas`: default those of the paper, with its noise. `seed`: of the noise, as in a scenario. `threads`: how many
-    calculate; the result is the same.
-    Lists are accepted as arrays. Raises ValueError for wrong shapes, and for transmitters in another medium than air.
+    `antennas`: by default the paper's, with its noise. `seed`: of the noise, as in a scenario. `threads`: do not change
+    the result. Lists are accepted as arrays. Raises ValueError for wrong shapes, and for a medium other than air.
 
     >>> import numpy as np
     >>> east = Transmitters((1,), [[0, 20, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1.0])
@@ -111,7 +110,7 @@ class _Looks:
         """Return the field for a reading of `d` metres."""
         return self._antennas.kappa_eq / (4 * math.pi) / d**3
 
-    @np.errstate(all="ignore")  # right at a transmitter: it is left for `read_exactly`
+    @np.errstate(all="ignore")  # at a transmitter's place: left for `read_exactly`
     def read(self, first: int) -> tuple[Index, Array]:
         """Write the readings of the block of poses from `first` on.
 
@@ -174,7 +173,7 @@ class _Looks:
         zone[:] = d_cm >= 0
 
     def read_exactly(self, pair: Index, draws: Array) -> None:
-        """Write the readings of pairs (K,) as a receiver does it, from their random numbers (K, 3)."""
+        """Write the readings of pairs (K,) exactly as a receiver, from their random numbers (K, 3)."""
         pose, transmitter = np.divmod(pair, len(self._transmitters.ids))
         dipoles = (one[:, None, transmitter] for one in (self._from, self._dipoles))
         h = field_of(self._positions[pose].T[:, None], *dipoles)
@@ -184,6 +183,6 @@ class _Looks:
 
 
 def _rounded(halves: Array) -> Ints:
-    """Round as `paper.rounded`: whole numbers, half away from zero, from how many halves there are."""
+    """Round as `paper.rounded`, half away from zero, from the number of halves."""
     whole = halves.astype(np.int32)
     return (whole + (whole > 0)) >> 1

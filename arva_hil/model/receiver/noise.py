@@ -21,7 +21,7 @@ def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
 
 
 def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
-    """Return noise w (m, 3) in NED, from 3 doubles for each of the m in any case; `off` is 0 and draws none."""
+    """Return noise w (m, 3) in NED, from 3 doubles for each; `off` is 0 and draws none."""
     if kind == "off":
         return np.zeros((m, 3))
     return np.ascontiguousarray(noise_of(rng.random((m, 3)).T, kind, bound).T)
@@ -70,7 +70,7 @@ class NoiseSource:
         return np.concatenate((first, draw_noise(self._rng, m - len(first), self._kind, self._bound)))
 
     def draw_few(self, m: int) -> list[list[float]]:
-        """`draw` as plain numbers."""
+        """Return `draw` as plain numbers."""
         if m > len(self._ahead):
             self._ahead += draw_noise(self._rng, max(m, _AHEAD), self._kind, self._bound).tolist()
         drawn = self._ahead[:m]

@@ -35,7 +35,7 @@ class Antennas:
 
     sensitivity: tuple[float, float, float] = (1.0, 0.8, 0.6)  # diagonal of Q; the paper gives none
     kappa_eq: float = 1.542  # mean of √(1 + 3cos²θ) over a circle
-    floor_range_m: float = FLOOR_RANGE_M  # the noise is at most the reference transmitter's field from there
+    floor_range_m: float = FLOOR_RANGE_M  # the noise is at most the reference transmitter's field at this distance
     noise: NoiseKind = "uniform"
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
 
 
 def outputs(h_r: ArrayLike, kappa_eq: float, inner_m: float = INNER_M, mid_m: float = MID_M) -> tuple[Ints, Ints, Ints]:
-    """(d in cm, δ in degrees, `Zone`), each (...), from the signal at the antennas (..., 3) (eq. 6, 7, 8).
+    """Return (d in cm, δ in degrees, `Zone`), each (...), from the signal at the antennas (..., 3) (eq. 6, 7, 8).
 
     OUTER gives (−1, −1). h_x = 0 gives δ = ±89 with the sign of h_y. In the inner zone L_xy h_r may be 0.
     `inner_m`, `mid_m`: the largest d of those zones.
@@ -119,7 +119,7 @@ def distance(h: Array, kappa_eq: float) -> Array:
 
 
 def rounded(x: Array) -> Array:
-    """Rounds to whole numbers, half away from zero, exactly."""
+    """Round to whole numbers, half away from zero, exactly."""
     whole = np.trunc(x)
     return whole + np.trunc(2 * (x - whole))
 
@@ -132,7 +132,7 @@ class PaperReceiver:
 
     Commands:
 
-    - `mark ID`: leave out a transmitter that is received. `unmark ID`: report it again. `unmark`: report all again.
+    - `mark ID`: leave out a received transmitter. `unmark ID`: report it again. `unmark`: report all again.
     - `select ID`: report only this one while it is received. `select`: report all.
     - `channels N`: set the number of slots, 1…16.
     - `restart`: undo all of this.
@@ -154,7 +154,7 @@ class PaperReceiver:
         self._nothing = (None, Zone.OUTER, *no_signal)  # of an empty slot
         self._channels = channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
-        self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # for noise that is not the receiver's own
+        self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # for interference
         self._heard: list[_Heard] = []  # at the last sample
         self._start()
 

@@ -88,7 +88,7 @@ class PulsedReceiver(ListeningReceiver):
         self.searching = True
 
     def _hear(self, sent: SentPulse, signals: Signals | None) -> bool:
-        """Use one pulse. Returns whether a slot has it."""
+        """Use one pulse. Return True if a slot has it."""
         index, end_s = sent.pulse.sender, sent.pulse.end_s
         listening = self._listening
         u, v, w = listening.noise(index)
@@ -126,16 +126,16 @@ class PulsedReceiver(ListeningReceiver):
 class VectorOptions(PulsedOptions):
     """The keys of `model: vector`: those of `pulsed`, with other defaults."""
 
-    start_s: Annotated[float, "from switching on until it listens [s]"] = 0.0
+    start_s: Annotated[float, "from switching on until it receives [s]"] = 0.0
     steps: Steps = "cm"
     frames: Frames = "pulses"
     mark_within_m: Annotated[float, Gt(0), "a transmitter farther away cannot be marked [m]"] = 1000.0
 
 
 class VectorReceiver(PulsedReceiver):
-    """Gives its measurements: the signed signals of three antennas, period, carrier, and the time of the pulse.
+    """A receiver that sends its measurements: signed signals of three antennas, period, carrier, and time of the pulse.
 
-    Estimators need them; the sets of rescuers do not give them.
+    Estimators need them; rescuers' sets do not send them.
     """
 
     Options = VectorOptions

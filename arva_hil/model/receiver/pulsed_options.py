@@ -29,24 +29,24 @@ class PulsedOptions:
         float, Gt(0), Le(1000), "field on the axis of the transmitter of strength 1, at 10 m [µA/m]"
     ] = 1.0
     noise_na_m: Annotated[
-        float | None, Ge(0), "standard deviation of each antenna and pulse [nA/m]; without it from noise.floor_range_m"
+        float | None, Ge(0), "standard deviation of each antenna and pulse [nA/m]; default: by noise.floor_range_m"
     ] = None
     threshold_na_m: Annotated[float, Gt(0), "a weaker pulse is not received [nA/m]"] = 2.25
-    antennas: Annotated[Literal[1, 2, 3], "x alone, x and y, or z near by too"] = 3
+    antennas: Annotated[Literal[1, 2, 3], "1: x; 2: x, y; 3: also z near by"] = 3
     third_within_m: Annotated[float, Ge(0), "the third antenna counts up to this distance [m]"] = 3.0
     gains: Annotated[tuple[float, float, float], "of the antennas x, y and z; 0 is a dead one"] = (1.0, 1.0, 1.0)
-    saturation_na_m: Annotated[float | None, Gt(0), "no antenna says more [nA/m]"] = None
-    start_s: Annotated[float, Ge(0), "from switching on until it listens [s]"] = 3.0
+    saturation_na_m: Annotated[float | None, Gt(0), "upper limit of each antenna [nA/m]"] = None
+    start_s: Annotated[float, Ge(0), "from switching on until it receives [s]"] = 3.0
     steps: Annotated[Steps, "of d: digits is 0.1 m below 10 m, then 1 m, up to 99 m; or cm, up to 327.67 m"] = "digits"
     lowest_m: Annotated[float, Ge(0), Le(99), "the lowest d [m]"] = 0.0
-    directions: Annotated[int, Ge(0), Le(180), "so many arrows from −90° to 90°; 0: whole degrees"] = 0
+    directions: Annotated[int, Ge(0), Le(180), "number of arrows from −90° to 90°; 0: whole degrees"] = 0
     near_direction: Annotated[NearDirection, "δ where the third antenna counts: 0, or the last one"] = "zero"
     frames: Annotated[Frames, "at rate_hz, or one a received pulse and at least rate_hz"] = "rate"
     mark_within_m: Annotated[float, Ge(0), "a transmitter farther away cannot be marked [m]"] = 6.0
     self_test_m: Annotated[
         float | None, Gt(0), "its self-test fails when it starts nearer to a transmitter, or beside electronics [m]"
     ] = None
-    revert_s: Annotated[float | None, Gt(0), "without motion for so long it sends instead of searching [s]"] = None
+    revert_s: Annotated[float | None, Gt(0), "after this time without motion it sends instead of searching [s]"] = None
 
     def __post_init__(self) -> None:
         if not all(0 <= gain <= 1 for gain in self.gains) or not any(self.gains):

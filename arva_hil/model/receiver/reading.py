@@ -18,7 +18,7 @@ class Zone(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class PulseReading:
-    """The newest pulse of a slot, from a receiver that gives its measurements.
+    """The newest pulse of a slot, from a receiver that sends its measurements.
 
     The signs are relative to each other: a receiver does not know the phase of the transmitter. Without an antenna: 0.
     """
@@ -33,9 +33,9 @@ class PulseReading:
 class ChannelReading(NamedTuple):
     """One slot of the receiver. An empty slot has no id, zone OUTER and the no-signal values.
 
-    `true_range_m`: the distance to the slot's transmitter. Empty slots have the distances of transmitters without a
-    slot, nearest first. None if there is no such transmitter, or no pose. A slot whose transmitter is not received for
-    the moment is blank: it has an id, zone OUTER and the no-signal values.
+    `true_range_m`: distance to the slot's transmitter; of empty slots, to transmitters without a slot, nearest first;
+    None without a transmitter or pose. A slot whose transmitter is not received at the moment is blank: it has an id,
+    zone OUTER and the no-signal values.
     """
 
     id: int | None
@@ -52,9 +52,9 @@ class Reading:
     """The content of one frame: all slots, nearest first, marked ones behind the others, empty ones last."""
 
     channels: tuple[ChannelReading, ...]
-    interference: bool  # noise above the floor that a receiver is specified for
+    interference: bool  # noise above the specified floor
     more_heard: bool  # more transmitters than slots
-    overlapping: bool = False  # pulses of several transmitters disturb each other
+    overlapping: bool = False  # pulses of several transmitters overlap
     searching: bool = True  # False: it has returned to sending by itself, and receives nothing
     failed: bool = False  # its self-test
 

@@ -61,9 +61,11 @@ class Impairment:
 class Look:
     """The input of a receiver at one instant.
 
-    `pose`: the receiver's own, None if it is unknown. `transmitters`: at this instant; always the same number in the
-    same order. `noise` (M, 3), NED: added to the field of each instead of the receiver's own noise, during
-    interference; the receiver draws its own noise too. `impairment`: None if nothing is wrong.
+    - `pose`: the receiver's own; None if unknown.
+    - `transmitters`: always the same number in the same order.
+    - `noise` (M, 3), NED: during interference added to each field instead of the receiver's own noise, which is drawn
+    too.
+    - `impairment`: faults; None without one.
     """
 
     time_s: float
@@ -77,16 +79,16 @@ class Answer(Enum):
     """The answer of a receiver to a command."""
 
     DONE = "done"
-    REFUSED = "refused"  # it knows the command, and cannot do it now or not with these values
+    REFUSED = "refused"  # a known command that is not possible now, or not with these values
     UNKNOWN = "unknown"
 
 
 Commands = Mapping[str, tuple[range, Callable[..., bool | None]]]
-"""Commands by name: how many values each may have, and a function of these values as integers, False for a refusal."""
+"""Commands by name: the allowed numbers of values, and a function of these integers; False is a refusal."""
 
 
 def obey(commands: Commands, name: str, values: Sequence[float]) -> Answer:
-    """Handle a command. It is refused too if it has another number of values, or one that is not whole."""
+    """Handle a command. It is refused for a wrong number of values, or a value that is not whole."""
     if name not in commands:
         return Answer.UNKNOWN
     counts, do = commands[name]
@@ -111,8 +113,8 @@ class NoiseSettings(Protocol):
 class ReceiverSettings(Protocol):
     """The settings of a receiver in the scenario, for its model.
 
-    `channels`: slots; `rate_hz`: of the frames; `kappa_eq`, `sensitivity`, `noise`: see `Antennas`; `no_signal`:
-    (d, δ) of an empty slot; `options`: the model's own keys, an `Options` of it, None if it has none.
+    `channels`: number of slots; `rate_hz`: of frames; `kappa_eq`, `sensitivity`, `noise`: see `Antennas`; `no_signal`:
+    (d, δ) of an empty slot; `options`: the model's `Options`, or None.
     """
 
     @property
@@ -134,17 +136,15 @@ class ReceiverSettings(Protocol):
 class ReceiverModel(Protocol):
     """One receiver. It knows no vehicle, no frames and no faults. Times of calls never go back.
 
-    `model:` in a scenario names a class of such objects. The class has a class method
-    `from_settings(settings: ReceiverSettings, seed: int)`, which makes one; the same seed gives the same noise.
-    If the model has keys of its own, the class has a class `Options`: a frozen dataclass whose fields are those keys.
+    `model:` in a scenario names a class with a class method `from_settings(settings: ReceiverSettings, seed: int)`; the
+    same seed gives the same noise. The model's own keys are the fields of its `Options`, a frozen dataclass.
     """
 
     def next_look(self, after_s: float, frame_s: float) -> float:
         """Return the first instant after `after_s` at which it takes a sample.
 
-        `frame_s`: the instant of the next frame.
-
-        A sample at the instant of a frame comes before that frame. Called after each sample and each frame.
+        `frame_s`: the instant of the next frame; a sample at that instant comes first. Called after each sample and
+        frame.
         """
 
     def look(self, look: Look) -> bool | None:

@@ -1,4 +1,4 @@
-"""A receiver with one antenna that gives only the strength of the newest pulse."""
+"""A receiver with one antenna that sends only the strength of the newest pulse."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RssiOptions(PulsedOptions):
     """The keys of `model: rssi`: those of `pulsed`, with other defaults, and the strength that is 0 dBFS."""
 
     antennas: Annotated[Literal[1], "x alone"] = 1
-    start_s: Annotated[float, "from switching on until it listens [s]"] = 0.0
+    start_s: Annotated[float, "from switching on until it receives [s]"] = 0.0
     steps: Steps = "cm"
     frames: Frames = "pulses"
     full_scale_na_m: Annotated[float, Gt(0), "the signal that is 0 dBFS [nA/m]"] = 1e6
@@ -72,7 +72,7 @@ class RssiReceiver(ListeningReceiver):
         self._listens_s, self._newest = time_s + self._options.start_s, None
 
     def _hear(self, sent: SentPulse, signals: Signals | None) -> bool:
-        """Use one pulse. Returns whether it is above the threshold."""
+        """Use one pulse. Return True if it is above the threshold."""
         listening = self._listening
         noise, _, _ = listening.noise(sent.pulse.sender)
         if signals is None:

@@ -1,4 +1,4 @@
-"""Overlapping pulses of several transmitters, as a receiver gets them.
+"""Overlapping pulses of several transmitters at a receiver.
 
 Overlapping pulses are one event. If their carriers differ by less than one over the length of a pulse, they merge into
 a vector sum, which belongs to the pulse that began first. Otherwise one is received if it is 6 dB stronger; if none is,

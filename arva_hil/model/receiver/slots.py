@@ -39,7 +39,7 @@ class Slots:
         self._tracks: dict[int, PulseTrack] = {}  # by the transmitter's index
 
     def scan(self) -> None:
-        """Search for all transmitters again. Marks are kept for those that come back."""
+        """Search for all transmitters again. Those that come back keep their marks."""
         for track in self._tracks.values():
             track.lose_mark()
         self._tracks = {}

@@ -1,4 +1,4 @@
-"""The rhythm of one transmitter, as a receiver follows it, and the mark of its host.
+"""The rhythm of one transmitter, and the mark of the host.
 
 A slot opens after two pulses in rhythm. After that a pulse counts if it is within 3 ms of the rhythm, and within 10 Hz
 of the carrier. If pulses between those two were missed, the rhythm is too slow: the first pulse in between corrects it.
@@ -55,7 +55,7 @@ class PulseTrack:
         self._start_s = -math.inf  # of the last pulse in rhythm, or of a first one
 
     def hear(self, event: SeparatedPulse, end_s: float, shown: Shown) -> bool:
-        """Use a pulse above the threshold. Returns whether it is in rhythm. `end_s`: its end."""
+        """Use a pulse above the threshold. Return True if it is in rhythm. `end_s`: its end."""
         self.touched = event.touched
         self.pass_time(end_s)
         if self.shown is None:

@@ -20,10 +20,10 @@ from firmware_proto.measured import LevelChannel, VectorChannel
 NO_ID: Final = -1  # in place of an id, if the frames have none
 _NEARER: Final = 0.7  # choose another transmitter only if it is nearer by this factor
 _NEARER_S: Final = 1.0  # choose it after this time: near a transmitter a dead antenna causes short gaps
-_DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
-_HARDLY_S: Final = 40.0  # fly strips again below this share of frames
-_OFTEN: Final = 0.25  # frames that could have it; and its distance is at least
-_CLOSER: Final = 0.8  # this share of the best one; retry it below that distance
+_DEAF_S: Final = 60.0  # fly strips again after this time without a signal of the transmitter
+_HARDLY_S: Final = 40.0  # judge the reception of a transmitter over this time
+_OFTEN: Final = 0.25  # postpone it below this share of the frames that could have it
+_CLOSER: Final = 0.8  # unless it came nearer than this share of its best distance; retry it there
 _STEADY_S: Final = 5.0  # retry a postponed transmitter that was in all frames for this time
 _MOST_HEARD: Final = 16  # transmitters
 
@@ -76,9 +76,8 @@ class Choice:
     """Remembers the transmitters received, and the one that is flown to.
 
     `target`: its id or NO_ID, None before the first signal; `hunting`: False while strips are flown; `since_s`: when it
-    was chosen. `guidance` gets the readings. `passes`: whether a transmitter is passed by; its second argument says
-    whether it is flown to now. `most_s`: after that it flies to another one, and comes back to this one as to one that
-    is hardly received.
+    was chosen. `guidance` gets the readings. `passes`: returns True for a transmitter to pass by; its second argument
+    is True for the present one. `most_s`: after this time it flies to another one, and postpones this one.
     """
 
     def __init__(
@@ -92,10 +91,10 @@ class Choice:
         self.target: int | None = None
         self.hunting = False
         self.since_s = 0.0
-        self._from_m = math.inf  # how near it had been when it was chosen
-        self._nearer_s = math.inf  # since when another one is nearer
-        self._put_off: dict[int, tuple[float, float]] = {}  # how near they were, m; since when they are steady
-        self._block = (0.0, 0, 0, 0.0)  # since when, frames, those with the transmitter, how near it was before
+        self._from_m = math.inf  # its smallest distance at the choice
+        self._nearer_s = math.inf  # start of the time in which another one is nearer
+        self._put_off: dict[int, tuple[float, float]] = {}  # smallest distance, m, and start of the steady reception
+        self._block = (0.0, 0, 0, 0.0)  # start, frames, frames with the transmitter, smallest distance before
         self._guidance = guidance
         self._passes = passes
         self._emit = emit
@@ -170,12 +169,12 @@ class Choice:
             del self.heard[id_]
 
     def leave(self) -> None:
-        """Fly to none."""
+        """Leave the present transmitter, and fly to none."""
         self.target = None
         self._abandon()
 
     def _hardly_heard(self, current: HeardTransmitter, now: bool, time_s: float) -> bool:
-        """Return True if the transmitter flown to was in few frames for a while, and its distance did not shrink.
+        """Return True if few frames had the transmitter for a while, and its distance did not shrink.
 
         `now`: whether it is in this frame. At the limit of the range a strategy learns too little to find it.
         """

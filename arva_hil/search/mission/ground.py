@@ -24,28 +24,28 @@ from arva_hil.model.field.rotation import matrix
 from arva_hil.search.mission.height_sensors import FRESH_S, Distance, HeightSensors, Odometry, RangeCheck, Survey
 from arva_hil.search.strategies.plan import SearchPlan
 
-_SURVEY_OFF_M: Final = 10.0  # that the ground may be higher than it says: the relative accuracy of SRTM (90 %)
+_SURVEY_OFF_M: Final = 10.0  # the ground may be this much higher: the relative accuracy of SRTM (90 %)
 _PER_DEGREE_M: Final = 111_200.0  # of latitude
-_SURVEY_NEW_S: Final = 0.5  # only when so new it is compared with the position
-_SURVEY_AGREES_M: Final = (8.0, 2.0)  # its place and height, with the position
-_STEEPEST: Final = 2.0  # of a slope: steeper is no ground
+_SURVEY_NEW_S: Final = 0.5  # compare only a newer report with the position
+_SURVEY_AGREES_M: Final = (8.0, 2.0)  # largest differences of place and height from the position
+_STEEPEST: Final = 2.0  # the steepest slope of the ground
 _LEVEL: Final = math.cos(math.radians(30))  # with a larger tilt the beam meets the ground elsewhere
 
-_SHARE: Final = 0.3  # of the height wanted: the error of a measured height that is tolerated,
-_TOLERANCE_M: Final = (0.3, 0.9)  # at least, at most
-_SILENT_S: Final = 0.3  # an older pose or distance follows a velocity that may have ended,
-_ASTRAY_M: Final = 2.0  # and is wrong by this at most
-_JUMP_M: Final = 0.5  # of the estimated position, without the vertical speed for it
-_NOTED_S: Final = 3.0  # after such a jump
+_SHARE: Final = 0.3  # tolerated error of a measured height, as a share of the height wanted
+_TOLERANCE_M: Final = (0.3, 0.9)  # least and largest tolerated error
+_SILENT_S: Final = 0.3  # an older pose or distance may follow a velocity that has ended
+_ASTRAY_M: Final = 2.0  # largest error of such a pose
+_JUMP_M: Final = 0.5  # a jump of the estimated position that the vertical speed does not explain
+_NOTED_S: Final = 3.0  # report a jump for this time
 _SMOOTH_S: Final = 2.0  # time constant of the barometer
-_SIGMAS: Final = 3.0  # of the GPS height
-_MARGIN_M: Final = (1.5, 15.0)  # that it is less sure, at least, at most
-_ERRORS_M: Final = {"altitude": 4.0, "barometer": 2.0, "GPS": 4.0}  # besides that
+_SIGMAS: Final = 3.0  # margin of the GPS height, in sigmas
+_MARGIN_M: Final = (1.5, 15.0)  # least and largest margin
+_ERRORS_M: Final = {"altitude": 4.0, "barometer": 2.0, "GPS": 4.0}  # without that margin
 _WEATHER: Final = 0.01  # m/s: the drift of the barometer
 _CLEARANCE_OFF_M: Final = 3.0
-_LONG_S: Final = 15.0  # of disagreement: the search ends
+_LONG_S: Final = 15.0  # end the search after this time of disagreement
 _AT_REST_M_S: Final = 0.1  # of vertical speed
-_CONTACT_M: Final = 0.4  # of descent that was ordered at rest
+_CONTACT_M: Final = 0.4  # ordered descent at rest: the vehicle is on the ground
 
 
 class Height(NamedTuple):
@@ -54,15 +54,15 @@ class Height(NamedTuple):
     metres: float
     """The lowest height that may be true [m]."""
     measured: bool
-    """True if it is measured by a rangefinder."""
+    """True if a rangefinder measures it."""
     margin: float = 0.0
-    """How much less [m] it may still be, if only GPS measures it."""
+    """Margin [m] by which the height may be lower, if only GPS measures it."""
     ground: float | None = None
     """Height of the ground below, above the take-off point [m]; None if it is not known."""
     still: bool = False
     """True while sensors disagree or are checked: the vehicle must not fly on."""
     doubt: Reason | None = None
-    """The sensors that disagree for long: the height is not known."""
+    """The sensors that have disagreed for long: the height is not known."""
     landed: bool = False
     """True if the vehicle is on the ground."""
 
@@ -99,15 +99,17 @@ class Ground:
         self._start = Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
         self._climbs = 0.0  # m/s
         self._silent = False  # the last pose was old
-        self._checked: tuple[Odometry, float] | None = None  # the motion at the last checked height, and that [m]
-        self._reported = 0.0  # offset of the estimated altitude to the climb
+        self._checked: tuple[Odometry, float] | None = (
+            None  # the motion at the last checked height, and that height [m]
+        )
+        self._reported = 0.0  # estimated altitude minus the climb
         self._jump = (-math.inf, 0.0, 0.0)  # of the estimated altitude: noted until when, value and expected value
         self._stalled = 0.0  # descent that was ordered at rest [m]
         self._compared: Survey | None = None
         self._doubted = False  # the survey has disagreed with the position in this flight
-        self._below: float | None = None  # the ground below, when it was known last
-        self._source: HeightOrigin | None = None  # reported last
-        self._disagree: dict[tuple[str, str], float] = {}  # since when
+        self._below: float | None = None  # the last known ground below
+        self._source: HeightOrigin | None = None  # the last one reported
+        self._disagree: dict[tuple[str, str], float] = {}  # start of the disagreement of each pair
         self._emit = emit
 
     def on_packets(self, received: Received, now: float) -> None:

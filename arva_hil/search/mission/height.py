@@ -27,7 +27,7 @@ _APPROACH_M_S: Final = 1.0  # the highest horizontal speed in the descent
 _ABOVE_M: Final = 0.4  # descend only within this distance of the place
 _LOWEST: Final = 0.6  # below this share of the landing height it also lands beside the place
 _SETTLED_M: Final = 0.15
-_REST_M: Final = 0.5  # above the landing height: stop there above the place
+_REST_M: Final = 0.5  # stop this far above the landing height
 _LAST_SPEED: Final = 0.3  # m/s, down, for the last metres
 _LAST_M: Final = 2.0
 _WAIT_S: Final = 5.0  # wait this long for the stop
@@ -66,14 +66,14 @@ class HeightKeeper:
         self._reached = self._reached or metres >= _CLEAR * self.wanted
         if metres >= enough:
             self.too_low, self._late_s = False, math.inf
-            fastest = 0.0 if height.still else _SINK  # a check of the sensors would take the sinking for their error
+            fastest = 0.0 if height.still else _SINK  # a descent would seem an error of the sensors
             return max(-_CLIMB, min(_GAIN * (metres - self.wanted), fastest))
         if not self.too_low:
             self.too_low, self._late_s = True, time_s + _RECOVERY_S + height.margin / _CLIMB
             self._risen_m, self._last_s = metres, time_s + _LONGEST_S
             if self._reached:
                 self._emit(TooLow(time_s, metres, self.wanted))
-        elif metres >= self._risen_m + _RISE_M:  # above a falling slope there may be far to climb
+        elif metres >= self._risen_m + _RISE_M:  # above a falling slope the climb may be long
             self._risen_m, self._late_s = metres, min(max(self._late_s, time_s + _RECOVERY_S), self._last_s)
         self.failed = time_s > self._late_s
         self.pace = 0.0

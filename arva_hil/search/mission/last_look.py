@@ -18,8 +18,8 @@ LOOK_AGAIN: Final = "they do not: the search visits the transmitter again"
 NOT_THERE: Final = "they do not, and the transmitter was visited again before"
 
 _MANY: Final = 0.7  # of the newest readings: they contradict the place
-_AGAIN: Final = 2  # visit a transmitter again at most so many times
-_SAME_M: Final = 1.0  # a place that was found twice within this distance is right, and the readings are wrong
+_AGAIN: Final = 2  # visits of a doubted transmitter
+_SAME_M: Final = 1.0  # a place found twice within this distance is right
 
 
 class LastLook:
@@ -32,7 +32,7 @@ class LastLook:
         self._doubted: list[tuple[float, float]] = []
 
     def check(self, found: Found, time_s: float, *, last: bool) -> str:
-        """Check that the newest readings agree with the place found; to search for it again, forget them.
+        """Check that the newest readings agree with the place found. To search for it again, forget them.
 
         `last`: there is no time for more.
         """

@@ -42,7 +42,7 @@ _LONG_S: Final = 240.0  # leave a transmitter to the team after this time
 
 
 class Progress:
-    """The time, the way and the frames of a search, and the newest position of the vehicle."""
+    """The time, the path and the frames of a search, and the newest position of the vehicle."""
 
     def __init__(self, start_s: float, position: Position) -> None:
         self.searched_s = 0.0
@@ -216,7 +216,7 @@ class Mission:
             if self.found:
                 self._emit(DescentBegun(time_s))
         if self.found:
-            self._guidance.contradictions(time_s)  # as new as may be when it has come down
+            self._guidance.contradictions(time_s)  # the newest ones at the end of the descent
         velocity = self._descent.velocity(time_s, position, height)
         if self._descent.done:
             self.confirm(time_s)

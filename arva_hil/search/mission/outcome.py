@@ -45,7 +45,7 @@ class Outcome:
     frames: int = 0
     others: tuple[tuple[int, HeardTransmitter], ...] = ()
     victims: tuple[Victim, ...] = ()
-    wanted: int | None = 1  # how many were searched for; None: all
+    wanted: int | None = 1  # the number to find; None: all
     from_drone: tuple[float, float] | None = None  # of `found`: north and east of the drone at the end, m
     moving: tuple[tuple[int, Track], ...] = ()  # transmitters that move, with their last tracks
     accuracy: Accuracy = UNKNOWN  # of the drone's position on Earth

@@ -1,4 +1,4 @@
-"""Checks that the receiver works: frames must come and be new, and readings must change; otherwise a search hovers."""
+"""Checks that the receiver works: frames are new, and readings change. Otherwise a search hovers."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from firmware_proto import Channel, Frame
 _SILENT_S: Final = 2.0  # without a frame: the receiver does not work, hover
 _LATE: Final = 8  # frames before the last one: it was overtaken; a larger step back is a restart of the receiver
 _SAME_FRAMES: Final = 3  # at least
-_OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance,
-_OLD: Final = 0.1  # or this share of d if that is more, because far from a transmitter a reading changes little,
-_OLDEST_M: Final = 1.5  # but not for more
+_OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance
+_OLD: Final = 0.1  # or this share of d, because far from a transmitter a reading changes little
+_OLDEST_M: Final = 1.5  # but at most for this distance
 _STUCK_M: Final = 3.0
 _STUCK_S: Final = 5.0  # because a search hovers where it expects the transmitter
 
@@ -50,7 +50,7 @@ class StuckReadings:
         self._each: dict[int | None, SameReading] = {}
 
     def repeats(self, id_: int | None) -> bool:
-        """Return True if the reading of this transmitter is not of this place, though others of the frame may be."""
+        """Return True if the reading of this transmitter is of another place."""
         return id_ in self._each and self._each[id_].old
 
     def observe(self, heard: Sequence[Channel], position: Position, time_s: float) -> None:
@@ -67,7 +67,7 @@ class StuckReadings:
 class SameReading:
     """Remembers a reading, where and when it began, and how far away it came again.
 
-    `old`: so far away that it is not of this place. `stuck`: too far for an equal reading, or away for too long.
+    `old`: too far away to be of this place. `stuck`: too far for an equal reading, or repeated for too long.
     `moved_m`: the largest distance from where it began.
     """
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from firmware_proto import Command, CommandAnswer, HostForm
 
 _ANSWER_S: Final = 1.0  # repeat a command without an answer after this time
-_MOST_SENT: Final = 3  # after so many tries the receiver takes no commands
+_MOST_SENT: Final = 3  # after these tries without an answer, the receiver takes no commands
 
 
 class Asked(NamedTuple):

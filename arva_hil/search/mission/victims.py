@@ -1,4 +1,4 @@
-"""The transmitters that one search has found: their places, the receiver's marks on them, and who is left."""
+"""The transmitters that one search has found: their places, the receiver's marks on them, and those left."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _AGAIN_S: Final = 5.0  # between tries to set a lost mark again
 _NEAR_CM: Final = 600  # try it within this distance: receivers refuse distant marks
 _SIGMA_M: Final = 0.4  # of a place without a sigma of the strategy
 _WITHIN: Final = 2.45  # sigma: 95 % of a place
-_LEAST_M: Final = 1.0  # two places nearer than this are one
+_LEAST_M: Final = 1.0  # two places within this distance are one
 _THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
 _LONG_S: Final = 240.0  # limit for one transmitter, while others or strips are left
 
@@ -53,7 +53,7 @@ class Victim:
 
     @property
     def sigma(self) -> float:
-        """For the order of probing [m]: that of the place, infinite where it is not sure or not known."""
+        """Sigma of the place, for the order of probing [m]; infinite if it is not sure or not known."""
         sigma = self.found.sigma
         return math.inf if sigma is None or not self.sure else sigma
 
@@ -77,16 +77,16 @@ class Victims:
         self.unreported = False  # a place is added, and not reported yet
         self._host = host
         self._emit = emit
-        self._known: dict[int, int] = {}  # which place is a transmitter's
+        self._known: dict[int, int] = {}  # index of the place by id
         self._together: set[frozenset[int]] = set()  # ids of one frame: they are of different transmitters
         self._aside: set[int] = set()
         self._visited: set[int] = set()
         self._doubted: set[int] = set()
         self._explained = Explained()
         self._more = False
-        self._tries = 0  # of the newest place's mark
-        self._due: dict[int, float] = {}  # places to be marked, and when it is tried next
-        self._tried: dict[int, float] = {}  # when it was tried last
+        self._tries = 0  # tries to mark the newest place
+        self._due: dict[int, float] = {}  # places to mark, and the time of the next try
+        self._tried: dict[int, float] = {}  # the time of the last try
         if host is not None and self.several:
             host.ask(IDENTIFY)
 
@@ -134,7 +134,7 @@ class Victims:
         return self._explained.explain(observation)
 
     def same(self, id_: int, found: Found, time_s: float) -> bool:
-        """Return True if a place is that of a transmitter found already, and mark it again: the search came back."""
+        """Return True if a place is of a transmitter found already, and mark it again."""
         for number, victim in enumerate(self.places):
             sigma = math.hypot(found.sigma or _SIGMA_M, victim.found.sigma or _SIGMA_M)
             apart = math.dist(found[:2], victim.found[:2])
@@ -207,7 +207,7 @@ class Victims:
         return self._host is not None and len(self.places) - 1 in self._due and self._tries < _MOST_TRIES
 
     def serve(self, time_s: float) -> None:
-        """Ask the receiver what is to be asked, and use its answers."""
+        """Send the next commands to the receiver, and use its answers."""
         if self._host is None:
             return
         for asked in self._host.poll(time_s):

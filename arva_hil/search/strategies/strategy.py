@@ -118,7 +118,10 @@ class Belief(NamedTuple):
 
 
 class Strategy(Protocol):
-    """A search for one transmitter. It is created with the highest speed [m/s]."""
+    """A search for one transmitter. It is created with the highest speed [m/s].
+
+    Positions are north, east, down [m] from the take-off point; velocities are north, east [m/s].
+    """
 
     def __init__(self, speed: float) -> None: ...
 
@@ -130,9 +133,7 @@ class Strategy(Protocol):
         """Use the reading of one more frame, which may be without a signal."""
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """Return the velocity to fly now: two finite numbers, STILL to hover.
-
-        It is called several times between frames.
+        """Return the velocity to fly now: two finite numbers, STILL to hover. Called several times between frames.
 
         While a strategy computes, the vehicle flies the last velocity; after 1 s it hovers, after 10 s it lands.
         """
