@@ -106,7 +106,7 @@ def literals(app: Sphinx, what: str, name: str, item: object, options: object, l
 def signature(
     app: Sphinx, what: str, name: str, item: object, options: object, arguments: str | None, returns: str | None
 ) -> tuple[str | None, str | None]:
-    """Only the names of keys of files, whose types are on the scenario's page, and of fields that follow with theirs."""
+    """Only the names of keys of files, whose types are on the scenario's page, and of fields that follow."""
     if arguments and inspect.isclass(item) and (issubclass(item, Table) or described_fields(item)):
         arguments = "(" + ", ".join(inspect.signature(item).parameters) + ")"
     shorter = (text and _ARRAY.sub(r"NDArray[\1]", text) for text in (arguments, returns))

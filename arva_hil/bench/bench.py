@@ -31,10 +31,10 @@ from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
 HOVERS_AT: Final = (0.0, 0.0, -3.0)  # NED from home, m, before the first `place_vehicle`
-LONGEST_S: Final = 1_000_000.0  # that one call of `advance` may take
+LONGEST_S: Final = 1_000_000.0  # longest time of one `advance`
 
 _MOST: Final = 1_000_000.0  # metres, seconds or degrees of a point
-_BOOTED_S: Final = -1.0  # the vehicle is there before the receiver is switched on
+_BOOTED_S: Final = -1.0  # the vehicle is switched on before the receiver
 _SAME_S: Final = 1e-7  # times closer than this are the same
 _LOOK_S: Final = 0.02  # of real time, between checks for a `close`
 
@@ -58,10 +58,11 @@ class BenchTruth:
 class Bench:
     """One emulated receiver for a test. Remembers its frames, its faults and the time; usable in a `with` statement.
 
-    `scenario`: a `Scenario`, the path of a file, or None for the default one. `port`: "pty", "tcp", "udp", "memory", or
-    the connection string of a real port. `clock`: "virtual": time passes in `advance` alone, and takes no real time;
-    "real": frames are sent in real time by a thread. `autopilot`: a connection string on which the built-in vehicle can
-    be flown by MAVLink; without it the vehicle is where `place_vehicle` and `fly` put it, at first 3 m above home.
+    - `scenario`: a `Scenario`, the path of a file, or None for the default one.
+    - `port`: "pty", "tcp", "udp", "memory", or the connection string of a real port.
+    - `clock`: "virtual": time passes in `advance` only, at once; "real": a thread sends frames in real time.
+    - `autopilot`: a connection string to fly the built-in vehicle by MAVLink. Without it `place_vehicle` and `fly` move
+      the vehicle, which begins 3 m above home.
 
     Raises ScenarioError for a wrong scenario, LinkError or AddressError for a port that cannot be opened.
     """
@@ -120,9 +121,9 @@ class Bench:
         return self._clock.now()
 
     def advance(self, seconds: float) -> list[FrameMade]:
-        """Let `seconds` of virtual time pass, and return the frames made in them. Raises BenchError on a real clock.
+        """Let `seconds` of virtual time pass, and return their frames. Raises BenchError on a real clock.
 
-        A frame that is due exactly at the end belongs to the next call: 30 s at 1 Hz are 30 frames.
+        A frame due exactly at the end belongs to the next call: 30 s at 1 Hz are 30 frames.
         """
         if self._thread is not None:
             raise BenchError("advance: this bench has a real clock: use sleep, or make it with clock='virtual'")
@@ -133,7 +134,7 @@ class Bench:
         return self.frames[before:]
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass: `advance` on a virtual clock, a real wait on a real one. For drivers that take a `sleep`."""
+        """Advance a virtual clock, or wait on a real one. For drivers that take a `sleep`."""
         self._wait(seconds, lambda: False)
 
     # the program under test
@@ -151,7 +152,7 @@ class Bench:
         return self._port.serial(timeout, self._wait, **options)
 
     def unplug(self) -> None:
-        """Pull the receiver's plug out. Frames are made, and dropped."""
+        """Unplug the receiver. Its frames are dropped."""
         with self._lock:
             self._port.unplug()
 
@@ -161,7 +162,7 @@ class Bench:
             self._port.plug()
 
     def power_cycle(self) -> None:
-        """Switch the receiver off and on: it forgets all, and counts its frames from 0."""
+        """Switch the receiver off and on. It counts its frames from 0."""
         with self._lock:
             self._unit.receiver.command(self.now(), "restart", ())
 
@@ -180,7 +181,7 @@ class Bench:
             return BenchTruth(now, motion.ned, yaw_deg, motion.quaternion, ranges)
 
     def place_vehicle(self, north: float, east: float, down: float, yaw: float = 0.0) -> None:
-        """Put the vehicle to a place, in metres from home, where it hovers with this heading in degrees."""
+        """Put the vehicle at a place, in metres from home, where it hovers with the heading `yaw` in degrees."""
         with self._lock:
             _check("place_vehicle", [(north, east, down, yaw)])
             self._follow("place_vehicle", [(self.now(), north, east, down, yaw)])
@@ -205,7 +206,7 @@ class Bench:
     def inject(self, fault: str) -> None:
         """Switch a fault on, written as on the command line: "drop=0.3", "silence", "corrupt=0.1@10-60".
 
-        Without a time it is on from now. Raises ValueError if there is no such fault or the scenario cannot have it.
+        Without a time it is on from now. Raises ValueError for an unknown fault, or one that the scenario cannot have.
         """
         one = parse_fault(fault)
         if wrong := misfit(one, [t.id for t in self.scenario.transmitters], self.scenario.output_format):
@@ -229,7 +230,7 @@ class Bench:
     # the end
 
     def close(self) -> None:
-        """Stop the bench and close all that it has opened, once. Raises an error of its thread."""
+        """Stop the bench and close everything that it opened. Raises an error of its thread."""
         self._stopped.set()
         if self._thread is not None:
             self._thread.join()
@@ -264,7 +265,7 @@ class Bench:
         except ValueError as error:
             raise BenchError(f"{what}: {error}") from None
         navigation = self._followed.session.navigation
-        navigation.track.forget_positions()  # it may be anywhere now
+        navigation.track.forget_positions()  # its place is not known any more
         navigation.places.forget()
 
     def _wait(self, seconds: float, enough: Callable[[], bool]) -> None:

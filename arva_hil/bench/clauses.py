@@ -35,7 +35,7 @@ class Step(NamedTuple):
 
     data: bytes
     pause_s: float = 0.0
-    """Silence after them."""
+    """Silence after the bytes."""
     lines: int = 0
     """The lines that must come, on a silent line, before the next step."""
 
@@ -68,7 +68,7 @@ def _line(frame: Frame, slot: int, one: Channel) -> Line:
 
 
 def _frames(count: int, n: int = 1, first: int = 0) -> list[Frame]:
-    """Return frames of which no two channels are alike."""
+    """Return frames with different values in every channel."""
     random = Random(457 + n)
     return [
         Frame(
@@ -88,7 +88,7 @@ def _one(sequence: int, *channels: Channel, status: int = 1) -> Frame:
 
 
 def _raw(version: int, length: int, payload: bytes) -> bytes:
-    """Return a candidate with a right CRC, whatever its head says."""
+    """Return a candidate with a right CRC and any head."""
     from fastcrc import crc16
 
     body = bytes([version, length]) + payload

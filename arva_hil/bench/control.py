@@ -177,7 +177,7 @@ class ControlServer:
         return bool(self._selector.select(0))
 
     def service(self, clock: Clock) -> float:
-        """Answer what the client has sent."""
+        """Answer the requests of the client."""
         for key, _ in self._selector.select(0):
             if key.fileobj is self._listener:
                 self._accept()

@@ -1,4 +1,4 @@
-"""Runs a decoder, feeds it the bytes of a clause, and compares the lines that it prints with the expected ones."""
+"""Runs a decoder, feeds it the bytes of a clause, and compares its lines with the expected ones."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class RunningDecoder:
     def opened(self, seconds: float) -> bool:
         """Wait until the decoder has opened its port. Returns False if it does not."""
         end = self._clock.now() + seconds
-        while self._port is not None and len(holders(self._port.path)) < 2:  # the bench holds it as well
+        while self._port is not None and len(holders(self._port.path)) < 2:  # the bench has it open as well
             if self._process.poll() is not None or self._clock.now() > end:
                 return False
             self._clock.wait(self._clock.now() + _LOOK_S)
         if self._port is not None:
-            self.wait(_LOOK_S)  # it may throw away what came before its settings
+            self.wait(_LOOK_S)  # it may discard bytes that came before its settings
         return True
 
     def send(self, data: bytes, seconds: float) -> bool:
@@ -100,7 +100,7 @@ class RunningDecoder:
         return len(self.output) > self._most
 
     def read(self) -> None:
-        """Read what it has printed."""
+        """Read the decoder's output."""
         with contextlib.suppress(BlockingIOError):
             while not self._closed and not self.prints_too_much:
                 chunk = os.read(self._out, 65536)
@@ -108,7 +108,7 @@ class RunningDecoder:
                 self.output += chunk
 
     def wait(self, seconds: float, lines: int | None = None) -> bool:
-        """Read for a time, or until so many lines are there. Returns False if they are not."""
+        """Read for a time, or until there are `lines` lines. Returns False if they do not come."""
         end = self._clock.now() + seconds
         while True:
             self.read()
@@ -135,7 +135,7 @@ class RunningDecoder:
         return f"it ended with exit code {code}" if code else ""
 
     def close(self) -> None:
-        """Kill what still runs of it, and close all."""
+        """Kill its remaining processes, and close all files."""
         if self._port is not None:
             self._port.close()
         process = getattr(self, "_process", None)
@@ -185,7 +185,7 @@ def _step(step: Step, decoder: RunningDecoder, patience_s: float) -> str:
 
 
 def _first(wrong_line: str, otherwise: str) -> str:
-    """Return the mistake to print: an end that was wrong explains missing lines."""
+    """Return the mistake to print: a wrong end explains missing lines."""
     return otherwise if otherwise and (not wrong_line or "missing" in wrong_line) else wrong_line
 
 
@@ -209,7 +209,7 @@ def _mistake(output: bytes, expected: Sequence[Line], *, ended: bool) -> str:
 
 
 def _parsed(text: bytes) -> Line:
-    """Read a line. Raises ValueError that says what is wrong."""
+    """Parse a line. Raises ValueError with the mistake."""
     try:
         said = json.loads(text)
     except (ValueError, RecursionError):

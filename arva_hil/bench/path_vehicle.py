@@ -1,4 +1,4 @@
-"""A vehicle that is where a test puts it, or on a path, and reports its pose in MAVLink."""
+"""A vehicle at a place or on a path that a test sets. It reports its pose in MAVLink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ports of a bench: what the bench writes to, and what the program under test opens."""
+"""The ports of a bench: the end of the bench, and the end that the program under test opens."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _FOREVER_S: Final = 3600.0
 
 
 class BenchError(ArvaError, ValueError):
-    """A bench cannot do what it is asked to do. `str()` has the cure."""
+    """A bench cannot do a request. `str()` has the cure."""
 
 
 class BenchPort:
     """A port that can be unplugged. Remembers its link, None while it is unplugged.
 
-    `kind`: "pty", "tcp", "udp", "memory", or the connection string of a real port. `name`: what the program under test
-    opens. It stays the same when the port is plugged in again.
+    `kind`: "pty", "tcp", "udp", "memory", or the connection string of a real port. `name`: for the
+    program under test to open. It stays the same after the port is plugged in again.
     """
 
     def __init__(self, kind: str, clock: Clock) -> None:
@@ -87,7 +87,7 @@ class BenchPort:
             link.close()
 
     def close(self) -> None:
-        """Close the port and all that `serial` has opened, and remove the symlink."""
+        """Close the port and everything that `serial` has opened, and remove the symlink."""
         for one in self._opened:
             one.close()
         self.unplug()
@@ -95,7 +95,7 @@ class BenchPort:
             self._remove()
 
     def read(self) -> bytes:
-        """Return what the program under test has sent."""
+        """Return the bytes that the program under test has sent."""
         try:
             return self.link.read() if self.link is not None else b""
         except LinkError:
@@ -194,7 +194,7 @@ class MemorySerial(io.RawIOBase):
         return len(data)
 
     def reset_input_buffer(self) -> None:
-        """Throw away what was not read."""
+        """Discard unread bytes."""
         del self._bytes[: self.in_waiting]
 
 

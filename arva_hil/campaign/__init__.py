@@ -1,1 +1,1 @@
-"""Campaigns: many trials of many strategies, and what they say of each."""
+"""Campaigns: many trials of many strategies, and their statistics."""

@@ -24,15 +24,15 @@ _STYLE: Final = {
     "ytick.color": GREY,
 }
 _SIZE: Final = (6.2, 3.9)
-_BANDS: Final = 6  # of a number that has many values, with as many runs in each
-_VALUES: Final = 12  # draw at most so many one by one
+_BANDS: Final = 6  # bands of a number with many values, with as many runs in each
+_VALUES: Final = 12  # draw at most this many values one by one
 _NUMBERS: Final = {
     "distance_m": "distance from take-off to the transmitter, m",
     "take_off_m": "take-off height, m",
     "wind_m_s": "wind, m/s",
     "gps_noise_m": "GPS noise, m",
 }
-_LEAST_ERROR_M: Final = 0.001  # on a logarithmic axis, which has no 0
+_LEAST_ERROR_M: Final = 0.001  # smallest error on the logarithmic axis
 
 
 def colours(strategies: Iterable[str]) -> dict[str, str]:
@@ -130,7 +130,7 @@ def _each(rows: Sequence[TrialRow]) -> list[tuple[str, str, list[TrialRow]]]:
 
 
 def _aside(n: int, count: int) -> float:
-    """Return the offset of the n-th of several marks at one place, as a fraction of the distance between places."""
+    """Return the offset of the n-th mark at one place, as a fraction of the distance between places."""
     return (n - (count - 1) / 2) * min(0.2, 0.8 / count)
 
 

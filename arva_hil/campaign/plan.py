@@ -42,7 +42,7 @@ def size(plan: CampaignPlan) -> int:
 
 
 def trials(plan: CampaignPlan) -> Iterator[Planned]:
-    """Yield all trials, by seed first and strategy last, so that a stopped campaign has tried all strategies alike."""
+    """Yield all trials, by seed first and strategy last, so that a stopped campaign has flown all equally."""
     before: tuple[Any, ...] = ()
     for seed, (name, kind), noise, wind_m_s, gps_noise_m, take_off_m, drones in itertools.product(*_axes(plan)):
         if before != (seed, name, noise):
@@ -111,7 +111,7 @@ def _digest(content: object) -> str:
 
 
 def _any_attitude(r: random.Random) -> tuple[float, float, float]:
-    """Roll, pitch and yaw in degrees of a rotation drawn uniformly (K. Shoemake, Uniform random rotations, 1992)."""
+    """Return roll, pitch and yaw [°] of a rotation drawn uniformly (K. Shoemake, Uniform random rotations, 1992)."""
     u, a, b = r.random(), r.random() * math.tau, r.random() * math.tau
     s, t = math.sqrt(1 - u), math.sqrt(u)
     angles = rotation.to_euler([t * math.cos(b), s * math.sin(a), s * math.cos(a), t * math.sin(b)])

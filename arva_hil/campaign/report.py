@@ -12,7 +12,7 @@ from arva_hil.campaign.trial import FOUND
 from arva_hil.records.report.html import render
 from arva_hil.safe_text import table_lines
 
-_COLUMNS: Final = {  # several of it; its name as an axis
+_COLUMNS: Final = {  # column → name of several values, name of the axis
     "strategy": ("strategies", ""),
     "seed": ("seeds", None),
     "scenario": ("scenarios", "scenario"),
@@ -42,7 +42,7 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
 
 
 def found_far(rows: Sequence[TrialRow], success_m: float) -> str:
-    """Return why fewer runs are a success than ended with "found"; "" if all of these are."""
+    """Return the reason why some runs that ended with "found" are no success; "" without one."""
     found = [row for row in rows if row.outcome == FOUND]
     far = sum(not row.success(success_m) for row in found)
     return (
@@ -77,9 +77,9 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
 
 
 def _parts(rows: Sequence[TrialRow], column: str, success_m: float) -> Iterator[tuple[str, dict[str, Summary]]]:
-    """Yield each value of a column, with the summary of each strategy there.
+    """Yield each value of a column, with the summary of each strategy for it.
 
-    The column `strategy` is one part with all.
+    The column `strategy` gives one part with all.
     """
     for (value,), some in ({("",): rows} if column == "strategy" else groups(rows, column)).items():
         name = f"{value:g}" if isinstance(value, float) else str(value)

@@ -180,7 +180,7 @@ class Results:
         self.rows.update((one.key, one) for one in rows)
 
     def merge(self, folder: Path) -> None:
-        """Copy the rows that the folder of another campaign has and this one does not have.
+        """Copy the missing rows from the folder of another campaign.
 
         Raises ResultsError, also if a trial has different results in the two campaigns.
         """

@@ -27,10 +27,10 @@ from arva_hil.errors import ArvaError
 Fly = Callable[[Trial], Result]
 
 _DIED: Final = "a worker process died, killed or out of memory"
-_POLL_S: Final = 0.1  # how often `stopped` is asked
+_POLL_S: Final = 0.1  # between calls of `stopped`
 _CONNECT_S: Final = 10
 _AHEAD: Final = 1000  # shards that are submitted to a cluster at a time; workers may join it later
-_SHARD: Final = 50  # trials at most that a worker of a cluster gets together: what is flown again if it dies
+_SHARD: Final = 50  # most trials in one task of a cluster; they are flown again if the worker dies
 _ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -43,14 +43,14 @@ class MissingExtra(WorkerPoolError):
 
 
 class Unreachable(WorkerPoolError):
-    """The scheduler does not answer, or does not answer any more."""
+    """The scheduler does not answer."""
 
 
 @dataclass(frozen=True)
 class WorkerPool:
     """Runs trials in shards: `shard` of them are one task, and at most `width` tasks are submitted at a time.
 
-    `lost` gives the error if there will be no more results.
+    `lost` returns the error if no more results will come.
     """
 
     name: str
@@ -91,7 +91,7 @@ class WorkerPool:
 
 
 def packed(trials: Sequence[Trial]) -> bytes:
-    """Return trials as a task takes them: small, for Dask's scheduler keeps its last 1000 messages to each worker."""
+    """Return trials in a small form, because Dask's scheduler keeps its last 1000 messages to each worker."""
     return zlib.compress(pickle.dumps(trials))
 
 
@@ -109,7 +109,7 @@ def _attempt(fly: Fly, trial: Trial) -> Result:
 
 @contextmanager
 def processes(count: int) -> Iterator[WorkerPool]:
-    """`count` processes on this machine, with one thread for numpy in each. They are ended afterwards, even if busy."""
+    """Run `count` processes on this machine, each with one thread for numpy; at the end stop them, even if busy."""
     context = multiprocessing.get_context("spawn")
     held, lifeline = context.Pipe(duplex=False)
     before = {name: os.environ[name] for name in _ONE_THREAD if name in os.environ}
@@ -130,7 +130,7 @@ def processes(count: int) -> Iterator[WorkerPool]:
 def cluster(address: str, trials: int, *, within_s: float | None = None) -> Iterator[WorkerPool]:
     """Connect to the Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786, for so many trials.
 
-    `within_s`: how long it is waited for; None: 10 s. Raises MissingExtra without Dask, Unreachable without an answer.
+    `within_s`: longest wait for it; None: 10 s. Raises MissingExtra without Dask, Unreachable without an answer.
     """
     try:
         from distributed import Client
@@ -157,7 +157,7 @@ def cluster(address: str, trials: int, *, within_s: float | None = None) -> Iter
 
 
 class _Processes(ProcessPoolExecutor):
-    """Its processes ignore the signals that a terminal sends to the whole program. The parent process ends them."""
+    """Processes that ignore the signals of a terminal to the whole program. The parent process ends them."""
 
     def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
         if sys.platform == "win32":  # has neither such masks nor SIGHUP
@@ -171,9 +171,9 @@ class _Processes(ProcessPoolExecutor):
 
 
 def _hold(lifeline: Connection) -> None:
-    """Runs in a new process: ends it when the other end of the lifeline is closed, also by a kill.
+    """Run in a new process, and end it when the other end of the lifeline is closed, also by a kill.
 
-    The garbage collector leaves what is imported alone, as in a command.
+    The garbage collector does not visit imported objects, as in a command.
     """
 
     def watch() -> None:
@@ -185,7 +185,7 @@ def _hold(lifeline: Connection) -> None:
 
 
 def _results(future: Future[list[Result]], count: int) -> list[Result] | None:
-    """Return the results of so many trials, None if their worker was lost."""
+    """Return the results of `count` trials, each None if their worker was lost."""
     if future.cancelled() or isinstance(error := future.exception(), BrokenExecutor):
         return None
     return [_failure(error)] * count if error else future.result()

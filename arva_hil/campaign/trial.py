@@ -34,10 +34,10 @@ class Trial:
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # NED, m/s
     gps_noise_m: float = 0.0  # sigma on each axis of the reported position's slow error
     limit_s: float = 900.0  # of the search, then it lands
-    victims: int | None = 1  # how many are searched for; None: all
+    victims: int | None = 1  # the number to find; None: all
     area: tuple[float, float, float, float] = (-50.0, -50.0, 50.0, 50.0)  # south, west, north, east of home, m
     strip_width_m: float = 40.0
-    drones: int = 1  # that divide the area and find one transmitter each; one drone finds all of `victims`
+    drones: int = 1  # several divide the area and find one transmitter each; one finds all of `victims`
 
 
 @dataclass(frozen=True, slots=True)

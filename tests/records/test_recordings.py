@@ -186,7 +186,7 @@ def test_a_run_that_was_killed_has_what_was_written_and_its_datum_by_the_events(
     assert (datum.lat, datum.lon, datum.alt) == HOME
     assert read.search is not None
     assert read.search.found is None
-    assert read.notes == (f"{read.folder}/run.json: the run goes on, or was killed: no counters are there",)
+    assert read.notes == (f"{read.folder}/run.json: the run continues, or was killed: there are no counters",)
 
 
 def test_a_line_that_is_cut_is_left_out_with_its_frame_and_said_once(tmp_path: Path) -> None:

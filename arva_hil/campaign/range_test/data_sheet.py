@@ -11,12 +11,12 @@ from arva_hil.campaign.range_test.walk import COUPLINGS, HOVER_LOAD, Coupling, R
 from arva_hil.config import Scenario
 from arva_hil.safe_text import table_lines
 
-_LEAST_M: Final = 30.0  # coaxially; testers find less unacceptable
-_LEAST_SHARE: Final = 0.5  # of that, turned by 90°
+_LEAST_M: Final = 30.0  # least coaxial range that testers accept
+_LEAST_SHARE: Final = 0.5  # least share of the coaxial range, turned by 90°
 
 
 class Row(NamedTuple):
-    """The walks in one coupling. `motors`: whether they ran."""
+    """The walks in one coupling. `motors`: with running motors."""
 
     coupling: Coupling
     motors: bool
@@ -38,12 +38,12 @@ class Row(NamedTuple):
 
     @property
     def mean_m(self) -> float | None:
-        """Of the first stable signals; None if a walk had none."""
+        """Mean range of the first stable signals; None if a walk had none."""
         return statistics.fmean(self.stable_m) if len(self.stable_m) == len(self.walks) else None
 
     @property
     def sigma_m(self) -> float:
-        """Their standard deviation."""
+        """Standard deviation of the same."""
         return statistics.stdev(self.stable_m) if len(self.stable_m) > 1 else 0.0
 
 
@@ -60,7 +60,7 @@ class DataSheet(NamedTuple):
 
 
 def measured(scenario: Scenario, plan: RangePlan, name: str = "") -> DataSheet:
-    """Walk in every coupling; with the motors on too, if the scenario says how noisy they are."""
+    """Walk in every coupling; also with the motors on, if the scenario has their noise."""
     noisy = [False, True] if scenario.receiver.vehicle_noise else [False]
     rows = [
         Row(coupling, motors, [walked(scenario, coupling, plan, n, motors=motors) for n in range(plan.walks)])
@@ -105,7 +105,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _judged(sheet: DataSheet) -> Iterator[str]:
-    """Yield the figures that testers ask of a set."""
+    """Yield the figures that testers require of a set."""
     for motors in dict.fromkeys(row.motors for row in sheet.rows):
         when = "motors on: " if motors else ""
         coaxial, turned = sheet.row("coaxial", motors=motors), sheet.row("90°", motors=motors)

@@ -14,11 +14,11 @@ from arva_hil.config import KeyingOptions, Scenario, Transmitter
 from arva_hil.model.field import rotation
 
 _FACTOR: Final = 1.26  # Schreilechner, Eck, Schober, ISSW 2009
-_WEAKEST: Final = 0.5  # of the norm's sets, where strength 1 is 1 µA/m at 10 m
+_WEAKEST: Final = 0.5  # strength of the norm's weakest set; 1 is 1 µA/m at 10 m
 _DEEP_M: Final = 1.0  # below the ground
 _PASSES: Final = 200
 _LEAST_M: Final = 1.0
-_BEFORE: Final = 1.2  # of the width: so far ahead of the transmitter a flight begins
+_BEFORE: Final = 1.2  # share of the width by which a flight begins ahead of the transmitter
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class StripWidth:
 
 
 def formula_m(coaxial: Sequence[Walk]) -> float | None:
-    """1.26 × (mean − 2 s.d.) of the ranges of coaxial walks [m]; None if one has no stable signal, or it is below 1."""
+    """Return 1.26 × (mean − 2 s.d.) of the coaxial ranges [m]; None without a stable signal in a walk, or below 1."""
     ranges = [walk.stable_m for walk in coaxial if walk.stable_m is not None]
     if len(ranges) < max(len(coaxial), 1):
         return None

@@ -43,13 +43,13 @@ COUPLINGS: Final = (
 
 @dataclass(frozen=True)
 class RangePlan:
-    """The plan of a walk. `stable_s`: a signal is stable if there is no gap in it for so long."""
+    """The plan of a walk. `stable_s`: a signal without a gap for this time is stable."""
 
     height_m: float = 3.0  # of the receiver above the transmitter
     speed_m_s: float = 1.0
     stable_s: float = 10.0
     walks: int = 10  # in each coupling
-    start_m: float = 120.0  # doubled while the signal is stable from the start on
+    start_m: float = 120.0  # doubled if the signal is stable from the start
     farthest_m: float = 2000.0
     passes: int = 0  # simulated flights along search strips of each width
 
@@ -64,7 +64,7 @@ class Walk(NamedTuple):
 
 
 def walked(scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int, *, motors: bool) -> Walk:
-    """Walk `number`, with a seed of its own, by the scenario's receiver and its first transmitter.
+    """Do walk `number`, with a seed of its own, by the scenario's receiver and its first transmitter.
 
     `motors`: with the noise of the scenario's vehicle, hovering.
     """
@@ -81,7 +81,7 @@ def signals(range_m: Floats, d_m: Floats, stable_frames: float) -> tuple[float |
     """Return the distances of the first signal and of the first stable signal, metres; None: there was none.
 
     A stable one is the first frame with a signal after which every frame has one, for `stable_frames` frames. Single
-    signals from farther away do not count, as testers have it.
+    signals from farther away do not count, as for testers.
     """
     heard = np.isfinite(d_m)
     if not heard.any():

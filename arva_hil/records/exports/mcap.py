@@ -18,7 +18,7 @@ _PROFILE: Final = "ros2"
 
 
 class _Counting:
-    """Writes to `out` and counts, so that it may be a pipe. Has all of a file that the writer uses."""
+    """Writes to `out` and counts, so that `out` may be a pipe. It has the methods of a file that the writer uses."""
 
     def __init__(self, out: BinaryIO) -> None:
         self._out = out

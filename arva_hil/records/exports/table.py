@@ -1,4 +1,4 @@
-"""CSV: one flat table, a row for each reading and slot, with time, place on Earth and what the search did then."""
+"""CSV: one flat table, a row for each reading and slot, with time, place on Earth and the step of the search."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BATCH: Final = 1 << 16  # characters
 
 
 def write(recording: Recording, out: BinaryIO) -> None:
-    """Write a record as CSV. What is not known is empty; an unknown `id` is -1, so that the column has integers.
+    """Write a record as CSV. Unknown values are empty; an unknown `id` is -1, so that the column has integers.
 
     The search's columns are those of its newest step before the frame. A search alone has a row for each step.
     """

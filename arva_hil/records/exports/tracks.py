@@ -1,4 +1,4 @@
-"""The places of things on Earth: the tracks, transmitters and places of a record, for maps.
+"""Places on Earth: the tracks, transmitters and places of a record, for maps.
 
 Latitude and longitude are WGS-84 degrees, altitudes metres above mean sea level.
 """
@@ -24,13 +24,13 @@ Floats = NDArray[np.float64]
 Lla = tuple[float, float, float]
 
 _BATCH: Final = 4096  # rows
-PROBABILITY: Final = 0.95  # that the transmitter is inside the ellipse
+PROBABILITY: Final = 0.95  # of the transmitter inside the ellipse
 
 
 class FlightTrack(NamedTuple):
     """The track of one receiver, or of the search. Only instants with a place: N of them.
 
-    `rows`: their numbers among the frames or steps. `gaps` (N,): whether the place is missing just before.
+    `rows`: their numbers among the frames or steps. `gaps` (N,): True after a missing place.
     """
 
     name: str
@@ -41,7 +41,7 @@ class FlightTrack(NamedTuple):
     gaps: NDArray[np.bool_]
 
     def heard_m(self) -> Floats:
-        """(N,) d of the nearest transmitter received [m]; NaN without any."""
+        """Return d (N,) of the nearest transmitter received [m]; NaN without any."""
         if self.receiver is None:
             return np.full(len(self.rows), np.nan)
         nearest = self.receiver.begins[self.rows]

@@ -1,4 +1,4 @@
-"""Text from outside in XML: escaped, one line, without characters that XML has not."""
+"""Text from outside in XML: escaped, one line, without characters that XML does not allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads what `--record DIR` has written: readings, events, the search and how the run ended, as frozen values."""
+"""Reads the records of `--record DIR`: readings, events, the search and the end of the run, as frozen values."""
 
 from .folder import is_record, load
 from .lines import RecordingError

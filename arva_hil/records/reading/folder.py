@@ -18,7 +18,7 @@ from arva_hil.records.writing.layout import EVENTS, READINGS, RUN, VERSION, Reco
 from arva_hil.records.writing.search_log import NEWS, TRACK
 
 _MOST_EVENTS: Final = 200_000
-_YEAR_2001_S: Final = 978_307_200.0  # before it, a clock was stepped and not read
+_YEAR_2001_S: Final = 978_307_200.0  # earlier times are of a stepped clock
 
 
 def is_record(folder: Path) -> bool:
@@ -27,9 +27,9 @@ def is_record(folder: Path) -> bool:
 
 
 def load(folder: Path) -> Recording:
-    """Read a record. Raises RecordingError: it is none, it is one of a newer version, or a line is wrong.
+    """Read a record. Raises RecordingError for no record, a newer version, or a wrong line.
 
-    A last line that is cut is not used, and `notes` says so.
+    A cut last line is not used, and is in `notes`.
     """
     has_run, has_search = (folder / RUN).exists(), (folder / TRACK).exists()
     if not has_run and not has_search:
@@ -80,7 +80,9 @@ def _run(path: Path) -> tuple[RecordedRun, list[str]]:
     if not isinstance(version, int) or version > VERSION:
         newer = f"record: {version!r:.20} is newer than this program, which reads up to {VERSION}: update arva-hil"
         raise RecordingError(path, newer)
-    notes = [] if said.get("ended") is not None else [f"{path}: the run goes on, or was killed: no counters are there"]
+    notes = (
+        [] if said.get("ended") is not None else [f"{path}: the run continues, or was killed: there are no counters"]
+    )
     if said.get("scenario") is None and RecordedRun(said, None).is_real:
         return RecordedRun(said, None), notes
     try:
@@ -114,7 +116,7 @@ def _events(path: Path) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _start_utc_s(path: Path) -> float | None:
-    """Return the frames' time 0 in seconds since 1970, from the first row of frames.csv; None if it does not say."""
+    """Return the frames' time 0 in seconds since 1970, from the first row of frames.csv; None if it is not there."""
     if not path.exists():
         return None
     columns, rows = table(Lines(path), ("utc", "time_s"))

@@ -1,6 +1,6 @@
-"""Reads a record's text files line by line, in little memory, and says where a mistake is.
+"""Reads a record's text files line by line, in little memory, and reports the place of a mistake.
 
-A program that was killed, or a full disk, leaves a last line that is cut. It is not used, and reported.
+A killed program or a full disk leaves a cut last line. It is reported, and not used.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ESCAPE: Final = re.compile(r"\\(?:ud[89ab]..\\ud[c-f]..|(?P<half>ud[89a-f]..)|.
 
 
 class RecordingError(ArvaError):
-    """A record cannot be read. `str()` says which file and line, what is wrong there, and what was expected."""
+    """A record cannot be read. `str()`: file, line, mistake, and expectation."""
 
     def __init__(self, where: str | Path, found: str) -> None:
         super().__init__(one_line(f"{where}: {found}"))
@@ -68,7 +68,7 @@ class Lines:
 def table(lines: Lines, needed: Sequence[str]) -> tuple[dict[str, int], Iterator[list[str]]]:
     """Return the columns of a CSV file by name, and its rows. Raises RecordingError if one of `needed` is missing.
 
-    Other columns may be there in any order. An empty file has no columns.
+    The order is free, and other columns are allowed. An empty file has no columns.
     """
     rows = csv.reader(iter(lines))
     header = next(rows, None)
@@ -112,7 +112,7 @@ def json_object(path: Path) -> dict[str, Any]:
 
 
 def strict_json(text: str) -> Any:
-    """Parse JSON. Raises JSONDecodeError, also for what Python accepts or rejects without a place."""
+    """Parse JSON. Raises JSONDecodeError, also for text that Python accepts, or rejects without a place."""
     for escape in _ESCAPE.finditer(text) if "\\" in text else ():
         if escape["half"]:
             raise json.JSONDecodeError("half of a surrogate pair, expected a whole character", text, escape.start())
@@ -127,7 +127,7 @@ def strict_json(text: str) -> Any:
 
 
 def refuse_no_file(path: Path) -> None:
-    """Raise RecordingError if there is no file of that name, or it is none that ends, as a pipe."""
+    """Raise RecordingError unless there is a regular file of that name."""
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError) as error:

@@ -26,9 +26,9 @@ _MOST_ROWS: Final = 10_000_000
 
 
 def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[RecordedReceiver, list[str]]:
-    """Return the readings in a file, and notes of what is not used. Raises RecordingError.
+    """Return the readings in a file, and notes about unused parts. Raises RecordingError.
 
-    Takes some 50 bytes of memory a row with four slots to a frame, 140 with one. An infinite number becomes NaN. A
+    Takes 50 bytes of memory a row with four slots a frame, 140 with one. An infinite number becomes NaN. A
     command may change the number of slots in a run.
     """
     lines = Lines(path)
@@ -65,7 +65,7 @@ class _Builder:
             self._of_slot = itemgetter(*(columns[name] for name in _OF_SLOT))
 
     def add(self, row: Sequence[str]) -> None:
-        """Take one row. Raises RecordingError."""
+        """Add one row. Raises RecordingError."""
         slot = self._number(row[self._slot])
         if slot == 1:
             self._begin_frame(row)
@@ -84,7 +84,7 @@ class _Builder:
             raise self._lines.error(f"{cell[:40]} is out of range") from None
 
     def built(self, vehicle: str, receiver: str) -> RecordedReceiver:
-        """Return the whole frames of all rows."""
+        """Return the complete frames of all rows."""
         n, rows = len(self._begins), len(self._ranges)
         parts = len(_OF_FRAME) + len(self._later)
         frames = _frozen(self._frames, n * parts).reshape(n, parts)

@@ -19,12 +19,12 @@ NO_ID: Final = -1
 class RecordedReceiver:
     """The readings of one receiver: N frames, and R slots in the order of the frames, one or more for each frame.
 
-    What is empty in the file is NaN, or NO_ID for an id. The slots of frame n are those at `rows(n)`.
+    An empty cell is NaN, or NO_ID for an id. The slots of frame n are those at `rows(n)`.
 
     `vehicle`, `receiver`: its names in the scenario, "" in a record of one receiver. Times count from the start of the
-    run, as in the file. The pose is the receiver's true one, NED from the datum. Slots are as in the frame:
-    nearest first, empty ones last. Those have zone 0, and the true range of a transmitter that no slot has; one whose
-    transmitter is not received for the moment has its id, and zone 0.
+    run. The pose is the receiver's true one, NED from the datum. Slots are nearest first, empty ones last. Empty slots
+    have zone 0 and the true range of a transmitter without a slot. A slot whose transmitter is not received at the
+    moment has its id and zone 0.
     """
 
     vehicle: str
@@ -35,8 +35,8 @@ class RecordedReceiver:
     position: Floats  # (N, 3) m, NED
     attitude_deg: Floats  # (N, 3) roll, pitch, yaw
     pose_age_ms: Floats  # (N,)
-    reported: Floats  # (N, 3) m, NED: where the vehicle's report has the receiver
-    late_ms: Floats  # (N,) how long after its instant the frame was made
+    reported: Floats  # (N, 3) m, NED: the receiver's place by the vehicle's report
+    late_ms: Floats  # (N,) delay of the frame after its instant
     begins: Ints  # (N + 1,) the first slot of each frame, and R
     id: Ints  # (R,)
     zone: Ints  # (R,)
@@ -44,7 +44,7 @@ class RecordedReceiver:
     delta_deg: Ints  # (R,)
     true_range_m: Floats  # (R,)
     fault_sets: tuple[tuple[str, ...], ...]
-    fault_set: Ints  # (N,) which of `fault_sets` changed the frame
+    fault_set: Ints  # (N,) index into `fault_sets`, the faults that changed the frame
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -74,14 +74,14 @@ class RecordedReceiver:
         return tuple(dict.fromkeys(name for names in self.fault_sets for name in names))
 
     def with_fault(self, name: str) -> NDArray[np.bool_]:
-        """(N,) whether the fault changed the frame."""
+        """Return True (N,) for each frame that the fault changed."""
         has: NDArray[np.bool_] = np.array([name in names for names in self.fault_sets], bool)
         return has[self.fault_set]
 
     def of_transmitter(self, id_: int) -> tuple[Floats, Floats, Ints, Floats]:
         """Return the readings of one transmitter: d in metres, δ in degrees, zone, true range in metres, each (N,).
 
-        Where no slot has it, d, δ and range are NaN and the zone is 0. δ is NaN in the inner zone.
+        Without a slot of it, d, δ and range are NaN and the zone is 0. δ is NaN in the inner zone.
         """
         rows = np.flatnonzero((self.id == id_) & (self.zone > 0))
         frames, first = np.unique(np.searchsorted(self.begins, rows, side="right") - 1, return_index=True)

@@ -1,4 +1,4 @@
-"""One record as a whole: its run, receivers, search and events, and where on Earth it was."""
+"""One record as a whole: its run, receivers, search and events, and its place on Earth."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class RecordedDatum(NamedTuple):
 
     @property
     def frame(self) -> LocalFrame:
-        """NED from there."""
+        """The NED frame with its origin there."""
         return LocalFrame(self.lat, self.lon, self.alt)
 
 
@@ -85,11 +85,13 @@ class RecordedRun:
 class Recording:
     """A record. `run` is None for the log of a search alone, which has no receivers.
 
-    `events`: the objects of events.jsonl, their `time_s` on the clock of the frames, which is 0 at the start of the
-    run; without the status. `status`: those of the status. `start_utc_s`: that instant in seconds since 1970, None if
-    it is not known; `log_start_s`: the same by the clock of the logs, which a demo may have stepped from 1970 on.
-    `datums`: by vehicle ("" in a record of one receiver), as they changed. `notes`: what of the files is not used, for
-    a person.
+    - `events`, `status`: the objects of events.jsonl, without the status and of the status. Their `time_s` is on the
+    clock
+      of the frames, which is 0 at the start of the run.
+    - `start_utc_s`: that start in seconds since 1970; None if unknown. `log_start_s`: the same by the clock of the
+    logs.
+    - `datums`: changes of the datum by vehicle ("" in a record of one receiver).
+    - `notes`: unused parts of the files, for a person.
     """
 
     folder: Path
@@ -105,7 +107,7 @@ class Recording:
 
     @cached_property
     def _placed(self) -> dict[RecordedDatum, MovingTransmitters]:
-        """The transmitters as they were asked for."""
+        """The transmitters that were requested, cached."""
         return {}
 
     @property
@@ -115,7 +117,7 @@ class Recording:
 
     @property
     def files(self) -> list[str]:
-        """The names of its files in the folder."""
+        """The names of the record's files."""
         names = [path.relative_to(self.folder) for path in (*self.folder.glob("*"), *self.folder.glob("*/*/*"))]
         return [str(name) for name in names if name.name in (*FILES, CHUNKS, *SEARCH_FILES) or name.suffix == ".tlog"]
 
@@ -134,10 +136,7 @@ class Recording:
         return next((datum for datum in reversed(datums) if datum.time_s <= time_s), datums[0] if datums else None)
 
     def lla(self, vehicle: str, time_s: ArrayLike, positions: ArrayLike) -> Floats | None:
-        """Return WGS-84 degrees, degrees, metres AMSL (N, 3) of positions NED (N, 3) at times (N,).
-
-        None if no datum is known. NaN stays NaN.
-        """
+        """Return degrees, degrees, metres AMSL (N, 3) of positions NED (N, 3) at times (N,); None without a datum."""
         times, ned = np.asarray(time_s, float), np.asarray(positions, float)
         datums = self.datums.get(vehicle, ())
         if not datums:
@@ -151,10 +150,7 @@ class Recording:
         return result
 
     def transmitters(self, vehicle: str, time_s: float = 0.0) -> MovingTransmitters | None:
-        """Return the scenario's transmitters, NED from the vehicle's datum at that time.
-
-        None without a scenario, or without a datum that they need.
-        """
+        """Return the scenario's transmitters, NED from the vehicle's datum then; None without scenario or datum."""
         scenario = self.run.scenario if self.run else None
         datum = self.datum_at(vehicle, time_s)
         if scenario is None:

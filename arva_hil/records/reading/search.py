@@ -27,9 +27,7 @@ _MOST_PHASES: Final = 64
 class RecordedPlace:
     """The place that a search reports, metres from the take-off point, NED; `lat_lon` in degrees, None if not known.
 
-    `covariance`: of north and east, m² (nn, ne, ee); None: the strategy does not say how sure it is. `id`: of the
-    transmitter, None if it is not known; `sure`: the readings agree with the place. `relative_covariance`: of the place
-    relative to the drone; `earth_covariance`: of the position on Earth; None in old logs.
+        """Return the ellipse on Earth that contains the transmitter with this probability, for normal errors.
     """
 
     north: float
@@ -43,7 +41,7 @@ class RecordedPlace:
     earth_covariance: tuple[float, float, float] | None = None
 
     def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
-        """Return the ellipse on Earth in which the transmitter is with this probability, if the errors are normal.
+        """Return the ellipse on Earth that contains the transmitter with this probability, for normal errors.
 
         Semi-major and semi-minor axis [m], and the bearing of the major axis from north [rad]; None without a
         covariance. In old logs it is without the error of the drone's own position.
@@ -84,7 +82,7 @@ class RecordedSearch:
     position: Floats  # (K, 3)
     heading_deg: Floats  # (K,)
     velocity: Floats  # (K, 3) ordered, m/s
-    id: Floats  # (K,) of the transmitter searched for, where a frame came
+    id: Floats  # (K,) id of the transmitter searched for, in steps with a frame
     d_cm: Floats  # (K,)
     delta_deg: Floats  # (K,)
     zone: Floats  # (K,)
@@ -119,7 +117,7 @@ class RecordedSearch:
 
     @property
     def flying(self) -> NDArray[np.bool_]:
-        """(K,) whether it searched then: after the take-off, before the landing."""
+        """True (K,) for steps after the take-off and before the landing."""
         return np.array([phase == "flying" for phase in self.phase], bool)
 
 

@@ -26,7 +26,7 @@ _LONGEST_S: Final = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class RecordedStream:
-    """One kind of message. `hz` (N,): how many came in each second from the start of the run on, `time_s` (N,)."""
+    """One kind of message. `hz` (N,): number in each second `time_s` (N,) from the start of the run."""
 
     name: str
     time_s: NDArray[np.float64]
@@ -34,7 +34,7 @@ class RecordedStream:
 
     @property
     def mean_hz(self) -> float:
-        """Over the whole seconds between the first and the last."""
+        """Mean rate over the whole seconds between the first and the last message."""
         whole = self.hz[1:-1] if len(self.hz) > 2 else self.hz
         return float(whole.mean()) if len(whole) else 0.0
 
@@ -60,7 +60,7 @@ def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
                     start_us = time_us if start_us is None else start_us
                     counts[message, math.floor((time_us - start_us) / 1e6)] += 1
                     if len(counts) > _MOST:
-                        raise RecordingError(path, "its times make no sense: they are too far apart")
+                        raise RecordingError(path, "its times are too far apart to be right")
     except LinkError as error:
         raise RecordingError(path, str(error)) from None
     return _streams(counts)

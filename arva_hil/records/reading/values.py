@@ -1,4 +1,4 @@
-"""Values of JSON objects that others may have changed: of the type expected, or None."""
+"""Values of JSON objects from outside: of the expected type, or None."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def triple(value: object) -> tuple[float, float, float] | None:
 
 
 def _numbers(value: object) -> list[float]:
-    """Return the numbers of a list, no more than four; an empty one if there is anything else in it."""
+    """Return the numbers of a list, at most four; an empty list if it has anything else."""
     every = [number(one) for one in value[:4]] if isinstance(value, list) else []
     finite = [one for one in every if one is not None]
     return finite if len(finite) == len(every) else []

@@ -1,4 +1,4 @@
-"""The bytes of a record as they came: packets and the receiver's bytes, each with its time."""
+"""The raw bytes of a record: packets and the receiver's bytes, each with its time."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ AUTOPILOT, RECEIVER = "autopilot", "receiver"
 SAMPLE_BYTES: Final = 1 << 14  # enough of any format for several frames
 
 _ABOUT: Final = ("vehicle", "receiver")
-_PATIENCE_S: Final = 1.0  # a frame waits so long for the packets that its pose is interpolated from
+_PATIENCE_S: Final = 1.0  # a frame waits this long for the packets that its pose needs
 _STATUS_S: Final = 0.25
 
 
@@ -53,7 +53,7 @@ class _Waiting(NamedTuple):
 
 
 class ReceiverLog:
-    """Remembers the vehicle, the frames that wait for their poses, and what is wrong.
+    """Remembers the vehicle, the frames that wait for their poses, and the faults.
 
     - `scenario`: the surveyed transmitters, and the mount. `session`: follows the vehicle.
     - `decoder`: of the receiver's format. `numbered`: the frames have sequence numbers.
@@ -98,7 +98,7 @@ class ReceiverLog:
     def receive(
         self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False
     ) -> Addressees:
-        """Use bytes that came at `now`. Returns to whom the autopilot's link writes from now on."""
+        """Use bytes that came at `now`. Returns the senders to which the autopilot's link writes from now on."""
         if link == RECEIVER:
             self._on_receiver(data, now)
             return NOBODY
@@ -144,7 +144,7 @@ class ReceiverLog:
         return outputs
 
     def written(self, output: int, accepted: bool, now: float) -> None:
-        """Handle an output that was written. Requests are repeated until the autopilot answers, so nothing is to do."""
+        """Do nothing: requests are repeated until the autopilot answers."""
 
     def events(self) -> list[Event]:
         """Return the events since the last call."""

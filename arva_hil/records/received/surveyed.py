@@ -18,7 +18,7 @@ class Surveyed(NamedTuple):
 
 
 def surveyed_scenario(places: Sequence[Surveyed]) -> Scenario:
-    """Return a scenario with these transmitters. Their attitudes are not known, and are those of the default.
+    """Return a scenario with these transmitters. Their attitudes are not known, and have the default.
 
     Without places it has no transmitters. Raises ValueError if an id occurs twice.
     """

@@ -26,7 +26,7 @@ _MOST: Final = 200  # values of one kind
 
 
 def facts(recording: Recording) -> Facts:
-    """Return everything that is known of a run. Raises RecordingError for a log of packets that cannot be read."""
+    """Return all known facts of a run. Raises RecordingError for a log of packets that cannot be read."""
     found: dict[str, dict[str, str]] = {}
     if recording.search:
         found["What the search found"] = dict(_search(recording))
@@ -200,7 +200,7 @@ def _numbers(prefix: str, counters: Mapping[str, Any]) -> Iterator[tuple[str, st
 
 
 def _plain(value: float, digits: int) -> str:
-    """Return a number with so many digits behind the point at most."""
+    """Return a number with at most `digits` decimal places."""
     return f"{value:.{digits}f}".rstrip("0").rstrip(".")
 
 
@@ -210,7 +210,7 @@ def _ended(said: Mapping[str, Any]) -> str:
 
 
 def merged(every: Sequence[Facts]) -> list[tuple[str, list[tuple[str, list[str]]]]]:
-    """Return the facts of several runs beside each other: "" where one has no such fact."""
+    """Return the facts of several runs beside each other; "" for a missing fact."""
     result = []
     for heading in _union(facts_ for facts_ in every):
         rows = [one.get(heading, {}) for one in every]
@@ -219,7 +219,7 @@ def merged(every: Sequence[Facts]) -> list[tuple[str, list[tuple[str, list[str]]
 
 
 def _union(every: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return the keys of all, in their order; those that only later ones have go behind the key before them."""
+    """Return the keys of all, in their order; a key of later ones only follows the key before it."""
     keys: list[str] = []
     for one in every:
         at = 0

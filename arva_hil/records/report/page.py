@@ -92,7 +92,7 @@ def _verdict(recording: Recording) -> str:
 
 
 def _happened(event: Any) -> Happened | None:
-    """Return an event as the console printed it; None for one that it did not print."""
+    """Return the console's text of an event; None without one."""
     notice = mapping(event.get("notice"))
     said, level = text(notice.get("text")), text(notice.get("level"))
     if not said:
@@ -102,7 +102,7 @@ def _happened(event: Any) -> Happened | None:
 
 
 def _pictures(names: Sequence[str], recordings: Sequence[Recording]) -> list[tuple[str, str]] | None:
-    """(caption, SVG in base64), pictures of one kind beside each other; None without matplotlib."""
+    """Return (caption, SVG in base64), pictures of one kind beside each other; None without matplotlib."""
     try:
         drawn = [list(pictures(recording, "svg", transparent=True)) for recording in recordings]
     except ModuleNotFoundError:

@@ -66,7 +66,7 @@ class RunMessages:
         self._names = names_of(of_scenario if receivers is None else receivers)
         self._datums: dict[str, LocalFrame] = {}
         self._there: dict[str, MovingTransmitters] = {}
-        self._shaped: dict[tuple[str, str], int] = {}  # when, ns
+        self._shaped: dict[tuple[str, str], int] = {}  # time of the last drawing, ns
         self._arrows: dict[tuple[str, str], frozenset[int]] = {}  # the slots that have one
         self._next_status_ns = 0
         if scenario and isinstance(fixed := scenario.datum, Lla):

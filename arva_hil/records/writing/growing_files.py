@@ -18,18 +18,18 @@ from arva_hil.links import files
 from arva_hil.runtime.worker_thread import WorkerThread
 
 _FLUSH_S: Final = 0.2  # with a status four times a second, a killed program loses less than half a second
-_SYNC_S: Final = 1.0  # a power failure loses this much more
+_SYNC_S: Final = 1.0  # a power failure loses one more second
 _LAST_S: Final = 5.0  # for the last data to be written at the end
 _FEW_JOBS: Final = 8  # one batch each: a replay waits for the disk instead of filling the memory
 _MANY_JOBS: Final = 10_000  # one batch of 0.2 s each
 
 
 class RecordError(ArvaError):
-    """The record could not be written. `str()` says where and why."""
+    """The record could not be written. `str()`: the place and the reason."""
 
 
 class GrowingFiles:
-    """New files in a folder. It keeps the bytes to write to each, and writes them now and then.
+    """New files in a folder. It collects the bytes for each, and writes them at intervals.
 
     - `last`: a file of JSON that `close` replaces. `first`: its content until then, None for no such file.
     - `what`: the name for all files together, e.g. "a record".
@@ -73,7 +73,7 @@ class GrowingFiles:
             if first is not None:
                 files.replace(folder / last, _json(first))
         except OSError as error:
-            for name, file in self._files.items():  # so that the same folder can be tried again
+            for name, file in self._files.items():  # the folder can then be used again
                 file.close()
                 with contextlib.suppress(OSError):
                     (folder / name).unlink()
@@ -85,7 +85,7 @@ class GrowingFiles:
 
     @property
     def error(self) -> str:
-        """The reason if writing has stopped, "" while it goes on."""
+        """The reason if writing has stopped, otherwise ""."""
         if self._background.error is not None:
             return _why(self.folder, self._background.error)
         if self._background.refused:
@@ -97,7 +97,7 @@ class GrowingFiles:
         self.broken_off = lambda: True
         self._flush()
         finished = self._background.close(*(partial(_close, file) for file in self._files.values()))
-        ending = WorkerThread("end of record")  # the other one may hang
+        ending = WorkerThread("end of record")  # the first one may hang
         said = ending.close(lambda: files.replace(self.folder / self._last, _json(last)))
         if ending.error is not None:
             raise RecordError(_why(self.folder / self._last, ending.error))

@@ -139,13 +139,13 @@ def _pose(made: FrameMade) -> list[str]:
     return [repr(value) for value in (*made.pose.position.tolist(), *angles)]
 
 
-_MOST_BYTES: Final = 1 << 25  # so that a vehicle that sends text for days does not fill the disk
+_MOST_BYTES: Final = 1 << 25  # text of a vehicle over days must not fill the disk
 
 
 class EventLines:
-    """Makes the lines of events.jsonl: events as `--json` gives them, and two objects of its own.
+    """The lines of events.jsonl: the events of `--json`, and two objects of its own.
 
-    An event with a message to people has a `notice` besides: its `level` (info, warning, error) and its `text`.
+    An event with a message for people also has a `notice`: its `level` (info, warning, error) and its `text`.
 
     `first_frame`: its `time_s` is the time 0 of the frames on the clock of the events, and `utc` the same instant.
     `status`: a StatusReport, once a second. The estimate of a search also comes once a second. After 32 MiB the last

@@ -1,4 +1,4 @@
-"""The record of a run: packets, frames, readings with their poses, and how it ended."""
+"""The record of a run: packets, frames, readings with their poses, and its end."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Recorder(GrowingFiles):
             self._pending[names.CHUNKS] += (",".join(names.CHUNK_COLUMNS) + "\n").encode()
 
     def observe(self, event: Event) -> None:
-        if isinstance(event, PacketsReceived):  # most are, and they have no line in events.jsonl
+        if isinstance(event, PacketsReceived):  # the most frequent event, without a line in events.jsonl
             self._on_packets(event)
             return
         self._pending[names.EVENTS] += self._events.of(event)
