@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -171,3 +172,21 @@ def test_help_shows_the_ten_usual_options_and_help_all_the_rest_in_groups(arva: 
     assert few.endswith(f"\n{rest} more options: arva-hil {command} --help-all\n")
     assert "\noutput:\n" in every
     assert len(few.splitlines()) <= 60
+
+
+@pytest.mark.parametrize(
+    ("package", "line", "extra"),
+    [
+        ("scipy", "fit nowhere --out made/p.yaml", "fit"),
+        ("distributed", "campaign builtin:campaigns/paper --scheduler tcp://127.0.0.1:1 --out made", "dask"),
+        ("foxglove", "demo --speed max --foxglove 127.0.0.1:0 --record made", "foxglove"),
+    ],
+)
+def test_a_missing_extra_is_reported_before_a_folder_is_made(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, line: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.chdir(tmp_path)
+    ran = arva(*line.split())
+    assert (ran.code, f"pip install 'arva-hil[{extra}]'" in ran.err) == (2, True), ran.err
+    assert list(tmp_path.iterdir()) == []
