@@ -1,6 +1,6 @@
 """A codec for the frames between an ARVA receiver and its host, as specified in PROTOCOL.md.
 
-Its section "What a reading means" says what d and δ are, and what a consumer does with a frame.
+Its section "What a reading means" explains d and δ, and the use of a frame.
 """
 
 from firmware_proto.binary import MAX_FRAME_BYTES, Decoder, encode

@@ -25,7 +25,7 @@ _CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57(?:\Z|\x01(?:\Z|[" + _LENGTHS + 
 
 
 def encode(frame: Frame) -> bytes:
-    """The 9 + 6·n bytes of a frame. Raises ValueError that names the field that does not fit."""
+    """Return the 9 + 6·n bytes of a frame. Raises ValueError with the field that does not fit."""
     check(frame)
     n = len(frame.channels)
     raw = _HEAD.pack(_SYNC, VERSION, 3 + 6 * n, frame.sequence, frame.status, n)
@@ -37,10 +37,8 @@ def encode(frame: Frame) -> bytes:
 class Decoder(FrameDecoder):
     """Incremental decoder of binary frames. Remembers the incomplete candidate.
 
-    Only the first byte of a false candidate is dropped, so every frame that comes without a pause is delivered, unless
-    a false candidate that overlaps it has a correct CRC by chance. A frame is delivered at once. If it is inside a
-    longer false candidate, it is delivered when that candidate is complete or 100 ms old. On a silent line, call
-    `feed` without bytes.
+    It delivers every frame without a pause at once, except inside a longer false candidate: then when that candidate is
+    complete or 100 ms old. On a silent line, call `feed` without bytes.
     """
 
     def __init__(self) -> None:
@@ -48,7 +46,7 @@ class Decoder(FrameDecoder):
         self._pending = Pending()
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
-        """The frames completed by `chunk`, or by the end of a false candidate's 100 ms. See FrameDecoder."""
+        """Return the frames completed by `chunk`, or by the end of a false candidate's 100 ms. See FrameDecoder."""
         frames: list[Frame] = []
         if not chunk and not self._pending:
             return frames
@@ -85,7 +83,7 @@ class Decoder(FrameDecoder):
 
 
 def frame_at(data: bytes, at: int, stop: int) -> Frame:
-    """The good frame at `at`, whose CRC is at `stop`."""
+    """Return the good frame at `at`, whose CRC is at `stop`."""
     channels = tuple(
         [
             Channel(None if id == _NO_ID else id, zone & ~MARKED, d, delta, zone >= MARKED)
@@ -96,7 +94,7 @@ def frame_at(data: bytes, at: int, stop: int) -> Frame:
 
 
 def size_at(data: bytes, at: int) -> int:
-    """Return the size of the candidate at `at` by its head: more than are there, or 0 for a false one."""
+    """Return the size of the candidate at `at` by its head; 0 for a false one. It may exceed the data."""
     there = len(data) - at
     if not _CANDIDATE.match(data[at : at + 4]):
         return 0

@@ -16,13 +16,13 @@ T = TypeVar("T", Command, CommandAnswer)
 
 
 def encode_command_line(command: Command) -> bytes:
-    """The sentence of a command. Raises ValueError that names the field that does not fit."""
+    """Return the sentence of a command. Raises ValueError with the field that does not fit."""
     check_command(command)
     return _sentence(["PARVC", command.number, command.name, *command.values])
 
 
 def encode_answer_line(answer: CommandAnswer) -> bytes:
-    """The sentence of an answer. Raises ValueError that names the field that does not fit."""
+    """Return the sentence of an answer. Raises ValueError with the field that does not fit."""
     check_answer(answer)
     return _sentence(["PARVR", answer.number, answer.name, answer.result, answer.text, *answer.values])
 
@@ -47,7 +47,7 @@ class SentenceDecoder(StreamDecoder[T]):
         self._since = 0.0
 
     def feed(self, chunk: bytes, now: float) -> list[T]:
-        """The messages completed by `chunk`. See StreamDecoder."""
+        """Return the messages completed by `chunk`. See StreamDecoder."""
         found: list[T] = []
         if self._part and now - self._since >= PAUSE_S:
             self.dropped += len(self._part)

@@ -61,7 +61,7 @@ class CommandAnswer(NamedTuple):
 class HostForm(NamedTuple):
     """The format of commands (from the host) and answers (from the receiver) on a port.
 
-    The encoders raise ValueError that names the field that does not fit. Each decoder is for one stream of bytes.
+    The encoders raise ValueError with the field that does not fit. Each decoder is for one stream of bytes.
     """
 
     command: Callable[[Command], bytes]
@@ -84,7 +84,7 @@ def check_command(command: Command | CommandAnswer) -> None:
 
 
 def check_answer(answer: CommandAnswer) -> None:
-    """As `check_command`, for an answer."""
+    """Raise ValueError like `check_command`, for an answer."""
     check_command(answer)
     if answer.result not in RESULTS:
         raise ValueError(f"result is {answer.result!r}, expected one of {', '.join(RESULTS)}")
@@ -93,13 +93,13 @@ def check_answer(answer: CommandAnswer) -> None:
 
 
 def encode_command(command: Command) -> bytes:
-    """The 10 + 4·values bytes of a command. Raises ValueError that names the field that does not fit."""
+    """Return the 10 + 4·values bytes of a command. Raises ValueError with the field that does not fit."""
     check_command(command)
     return seal(COMMAND_KIND, bytes([command.number, _code(command.name)]) + _pack(command.values))
 
 
 def encode_answer(answer: CommandAnswer) -> bytes:
-    """The 12 + 4·values + text bytes of an answer. Raises ValueError that names the field that does not fit."""
+    """Return the 12 + 4·values + text bytes of an answer. Raises ValueError with the field that does not fit."""
     check_answer(answer)
     head = bytes([answer.number, _code(answer.name), RESULTS.index(answer.result), len(answer.values)])
     return seal(ANSWER_KIND, head + _pack(answer.values) + answer.text.encode())

@@ -17,8 +17,8 @@ SYNTHETIC: Final = 1  # status bits; always set by an emulator
 INTERFERENCE: Final = 2  # above the receiver's limit
 MORE_TRANSMITTERS: Final = 4  # more transmitters are received than there are channels
 SELF_TEST_FAULT: Final = 8
-OVERLAP: Final = 16  # pulses of several transmitters disturb each other
-NOT_SEARCHING: Final = 32  # it has gone back to sending by itself, and receives nothing
+OVERLAP: Final = 16  # pulses of several transmitters overlap
+NOT_SEARCHING: Final = 32  # it sends again by itself, and receives nothing
 
 OUTER: Final = 0  # zones
 MID: Final = 1
@@ -77,9 +77,9 @@ class FrameDecoder(ABC):
 
     @abstractmethod
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
-        """The frames completed by `chunk`, which may be empty or cut anywhere.
+        """Return the frames completed by `chunk`, which may be empty or cut anywhere.
 
-        `now` is when the chunk arrived, in seconds of any clock that never goes back.
+        `now`: arrival of the chunk, in seconds of any clock that never goes back.
         """
 
     def _count(self, sequence: int) -> None:
@@ -101,10 +101,10 @@ class Pending:
         return len(self._bytes)
 
     def feed(self, chunk: bytes, now: float, scan: Callable[[bytes, int], int]) -> int:
-        """Scan what is there with `chunk`; how many candidates were given up, of which one byte each is dropped.
+        """Scan the pending bytes and `chunk`. Return the number of refused candidates; each drops one byte.
 
-        `scan`: (bytes, where to begin) → where an incomplete candidate begins, or the end. A candidate that is
-        incomplete 100 ms after its first byte is given up, and the bytes behind its first one are scanned again.
+        `scan`: (bytes, start) → the start of an incomplete candidate, or the end. A candidate that is incomplete 100 ms
+        after its first byte is refused, and the bytes after its first one are scanned again.
         """
         given_up, held, arrived = 0, self._bytes, self._arrived
         while held and now - arrived[0] >= PAUSE_S:
@@ -124,6 +124,7 @@ class Format(NamedTuple):
     """A wire format: its encoder and its decoder.
 
     `encode` raises ValueError for a frame that does not fit. `decoder` makes a decoder for one stream of bytes.
+
     - `numbered`: the bytes contain the frame's sequence number and status.
     - `host`: the format of commands and answers on the same port; None if the receiver takes none.
     - `ids`: the bytes contain the ids of transmitters, so that several drones can search together.
@@ -139,7 +140,7 @@ class Format(NamedTuple):
 
 
 def missing(before: int, sequence: int) -> int:
-    """The number of frames lost between two valid ones, by sequence numbers (PROTOCOL.md, "Lost frames")."""
+    """Return the number of frames lost between two valid ones, by sequence numbers (PROTOCOL.md, "Lost frames")."""
     gap = max((sequence - before) % 256 - 1, 0)
     return 0 if sequence < RESTART < gap else gap
 

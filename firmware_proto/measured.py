@@ -1,4 +1,4 @@
-"""The formats `vector` and `rssi`: before each frame a message with what the antennas measured. See PROTOCOL.md."""
+"""The formats `vector` and `rssi`: a message with measurements before each frame. See PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def vector_channel(
     carrier_hz: float | None,
     age_s: float,
 ) -> VectorChannel:
-    """A pulse as it can travel: rounded, and limited to what fits."""
+    """Return a pulse for the wire: rounded and limited."""
     x, y, z = exponent_of(*(_limited(_FINEST * one, 2**31 - 2**16) for one in signal_na_m))[1]
     period = 0 if period_s is None else _limited(1e4 * period_s, 65535, 0)
     carrier = None if carrier_hz is None else _limited(10 * carrier_hz, 0x7FFF)
@@ -95,12 +95,12 @@ def vector_channel(
 
 
 def level_channel(id: int | None, zone: int, marked: bool, level_db: float, age_s: float) -> LevelChannel:
-    """The strength of a pulse as it can travel."""
+    """Return the strength of a pulse for the wire."""
     return LevelChannel(id, zone, marked, _limited(100 * level_db, 0x7FFF), _age(age_s))
 
 
 def exponent_of(*amplitudes: int) -> tuple[int, list[int]]:
-    """The exponent with which amplitudes travel, and the amplitudes as they arrive: mantissa · 2^exponent.
+    """Return the exponent of amplitudes on the wire, and the decoded amplitudes: mantissa · 2^exponent.
 
     The exponent is the lowest with which all mantissas fit in 16 bits; mantissas are rounded half away from 0.
     Raises ValueError for an amplitude that does not fit with the highest exponent.
@@ -114,17 +114,17 @@ def exponent_of(*amplitudes: int) -> tuple[int, list[int]]:
 
 
 def encode_vector(frame: Frame) -> bytes:
-    """A frame with the message before it. Raises ValueError naming the field that does not fit."""
+    """Return a frame with the message before it. Raises ValueError with the field that does not fit."""
     return _message(frame, VECTOR_KIND, VectorChannel, _pack_vector) + encode(frame)
 
 
 def encode_rssi(frame: Frame) -> bytes:
-    """The same for levels."""
+    """Return the same for levels."""
     return _message(frame, LEVEL_KIND, LevelChannel, _pack_level) + encode(frame)
 
 
 def _message(frame: Frame, kind: int, channel: type[C], pack: Callable[[C], bytes]) -> bytes:
-    """The message before a frame; an empty one where nothing was measured."""
+    """Return the message before a frame; empty channels without measurements."""
     measured = frame.measured or Measured(0, tuple(channel(c.id, c.zone, c.marked) for c in frame.channels))
     if len(measured.channels) != len(frame.channels) or len(frame.channels) > MAX_CHANNELS:
         raise ValueError(f"measured has {len(measured.channels)} channels, expected {len(frame.channels)}")
@@ -163,7 +163,7 @@ def _age(age_s: float) -> int:
 
 
 def _limited(value: float, most: int, least: int | None = None) -> int:
-    """Rounded, and limited to ±`most`, or from `least` to `most`."""
+    """Return a rounded value, limited to ±`most`, or from `least` to `most`."""
     return round(min(max(value, -most if least is None else least), most))
 
 
@@ -207,7 +207,7 @@ LEVELS: Final[Kind[MeasuredMessage | Frame]] = Kind(_lengths(_LEVEL), partial(_p
 
 
 class MixedDecoder(MessageDecoder[MeasuredMessage | Frame]):
-    """Messages of some kinds and frames of version 1, in the order in which they come."""
+    """Decoder of messages of some kinds and frames of version 1, in their order."""
 
     def _size(self, data: bytes, at: int) -> int:
         return size_at(data, at) if data[at + 2 : at + 3] == b"\1" else super()._size(data, at)
@@ -217,9 +217,9 @@ class MixedDecoder(MessageDecoder[MeasuredMessage | Frame]):
 
 
 class MeasuredDecoder(FrameDecoder):
-    """Frames, each with what was measured if the message right before it has its sequence number.
+    """Decoder of frames, each with the measurements if the message right before it has its sequence number.
 
-    A message without its frame is dropped bytes.
+    A message without its frame counts as dropped bytes.
     """
 
     def __init__(self, kind: int, messages: Kind[MeasuredMessage | Frame]) -> None:
@@ -230,7 +230,7 @@ class MeasuredDecoder(FrameDecoder):
         self._alone = 0  # bytes of messages without their frame
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
-        """The frames completed by `chunk`. See FrameDecoder."""
+        """Return the frames completed by `chunk`. See FrameDecoder."""
         frames = []
         for one in self._mixed.feed(chunk, now):
             if isinstance(one, MeasuredMessage):

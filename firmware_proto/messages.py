@@ -30,7 +30,7 @@ class Kind(NamedTuple, Generic[T]):
 
 
 def seal(kind: int, body: bytes) -> bytes:
-    """A message: A4 57, version, length, mask, then kind and body, each byte XORed with the mask, and the CRC.
+    """Return a message: A4 57, version, length, mask, then kind and body, each byte XORed with the mask, and the CRC.
 
     The mask is the lowest that makes no byte A4, so decoders of version 1 find no head in a message. Raises ValueError
     if the body is too long.
@@ -58,9 +58,9 @@ class StreamDecoder(ABC, Generic[T]):
 
     @abstractmethod
     def feed(self, chunk: bytes, now: float) -> list[T]:
-        """The messages completed by `chunk`, which may be empty or cut anywhere.
+        """Return the messages completed by `chunk`, which may be empty or cut anywhere.
 
-        `now` is when the chunk arrived, in seconds of any clock that never goes back.
+        `now`: arrival of the chunk, in seconds of any clock that never goes back.
         """
 
 
@@ -77,7 +77,7 @@ class MessageDecoder(StreamDecoder[T]):
         self._pending = Pending()
 
     def feed(self, chunk: bytes, now: float) -> list[T]:
-        """The messages completed by `chunk`, or by the end of a false candidate's 100 ms. See StreamDecoder."""
+        """Return the messages completed by `chunk`, or by the end of a false candidate's 100 ms. See StreamDecoder."""
         found: list[T] = []
         if not chunk and not self._pending:
             return found
@@ -110,7 +110,7 @@ class MessageDecoder(StreamDecoder[T]):
         return end
 
     def _size(self, data: bytes, at: int) -> int:
-        """Return the size of the candidate at `at` by its head: more than are there, or 0 for a false one."""
+        """Return the size of the candidate at `at` by its head; 0 for a false one. It may exceed the data."""
         there = len(data) - at
         if there > 2 and data[at + 2] != VERSION:
             return 0

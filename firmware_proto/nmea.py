@@ -13,7 +13,7 @@ _BODY: Final = re.compile(rb"PARVA,(\d{1,3}),(\d{1,3}),(\d{1,2}),(\d{1,2}),(\d{0
 
 
 def encode_nmea(frame: Frame) -> bytes:
-    """The sentences of a frame, one for each channel. Raises ValueError that names the field that does not fit."""
+    """Return the sentences of a frame, one for each channel. Raises ValueError with the field that does not fit."""
     check(frame)
     n = len(frame.channels)
     sentences = []
@@ -40,7 +40,7 @@ class NmeaDecoder(FrameDecoder):
         self._since = 0.0  # when the last sentence came
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
-        """The frames completed by `chunk`. See FrameDecoder."""
+        """Return the frames completed by `chunk`. See FrameDecoder."""
         if now - self._since >= PAUSE_S:
             self._give_up()
         *lines, part = (self._part + chunk).split(b"\n")
@@ -75,7 +75,7 @@ class NmeaDecoder(FrameDecoder):
         return frame
 
     def _values(self, line: bytes) -> tuple[int, int, int, int, Channel] | None:
-        """Sequence, status, n, slot and channel of a valid sentence; None for anything else."""
+        """Return sequence, status, n, slot and channel of a valid sentence; None for anything else."""
         try:
             body = body_of(line)
         except ChecksumError:

@@ -13,16 +13,16 @@ _SENTENCE: Final = re.compile(rb"\$([^$*]{0,76})\*([0-9A-Fa-f]{2})\r?")
 
 
 class ChecksumError(ValueError):
-    """It is a sentence, but not as it was sent."""
+    """A sentence with a wrong checksum."""
 
 
 def sentence(body: bytes) -> bytes:
-    """The whole line of a body."""
+    """Return the complete line of a body."""
     return b"$%b*%02X\r\n" % (body, reduce(xor, body))
 
 
 def body_of(line: bytes) -> bytes | None:
-    """The body of a line without its line feed; None if it is no sentence. Raises ChecksumError."""
+    """Return the body of a line without its line feed; None if it is no sentence. Raises ChecksumError."""
     found = _SENTENCE.fullmatch(line)
     if not found:
         return None
@@ -33,6 +33,6 @@ def body_of(line: bytes) -> bytes | None:
 
 
 def begun(part: bytes) -> bytes:
-    """The incomplete sentence at the end of the bytes behind the last line feed."""
+    """Return the incomplete sentence at the end of the bytes after the last line feed."""
     start = part.rfind(b"$")
     return part[start:] if start >= 0 and len(part) - start <= MAX_SENTENCE else b""

@@ -13,7 +13,7 @@ _KEPT: Final = len(b"-32768,-32768\r") + 1  # one more than a valid line: what i
 
 
 def encode_text(frame: Frame) -> bytes:
-    """The line of the nearest channel with a signal, otherwise of channel 1. Raises ValueError as `encode`."""
+    """Return the line of the nearest channel with a signal, otherwise of channel 1. Raises ValueError as `encode`."""
     check(frame)
     nearest = min((c for c in frame.channels if c.valid), key=lambda c: c.d, default=frame.channels[0])
     return f"{nearest.d},{nearest.delta}\r\n".encode()
@@ -33,7 +33,7 @@ class TextDecoder(FrameDecoder):
         self._since = 0.0
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
-        """The frames completed by `chunk`. See FrameDecoder."""
+        """Return the frames completed by `chunk`. See FrameDecoder."""
         frames: list[Frame] = []
         if not self._part:
             self._since = now

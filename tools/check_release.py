@@ -1,4 +1,4 @@
-"""Whether version, tag, CHANGELOG and CITATION.cff agree: `make dist` asks before it builds.
+"""Checks that version, tag, CHANGELOG and CITATION.cff agree, before `make dist` builds.
 
     python tools/check_release.py
 
@@ -26,7 +26,7 @@ class Tags(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What the files say. `changelog`: its first heading; `source`: the project's address; `news`: in changelog.d."""
+    """The files' contents. `changelog`: its first heading; `source`: the project's address; `news`: in changelog.d."""
 
     version: str
     changelog: str
@@ -36,7 +36,7 @@ class Said(NamedTuple):
 
 
 def disagreements(said: Said, tags: Tags) -> list[str]:
-    """What does not agree, each with its cure; nothing if all is well."""
+    """Return the disagreements, each with its cure."""
     found = []
     heading = said.changelog.partition(" ")[0]
     if heading != said.version:

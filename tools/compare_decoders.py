@@ -1,4 +1,4 @@
-"""Feed the same random and damaged streams, cut anywhere, to the Python and the C decoder: the same must come out.
+"""Feed the same random and damaged streams, cut anywhere, to the Python and the C decoder, and compare their output.
 
     python tools/compare_decoders.py [COUNT] [--seed N]        default: 1000000 streams
 
@@ -25,7 +25,7 @@ COUNTERS = ("good", "bad_crc", "dropped", "lost")
 
 
 def difference(codec: Codec, totals: Counter[str], calls: list[Call], epoch_ms: int) -> str:
-    """What the decoders disagree on; empty when on nothing."""
+    """Return the disagreements of the decoders; empty without one."""
     ours, theirs = Decoder(), CDecoder(codec, epoch_ms)
     for now_ms, chunk in calls:
         one, other = ours.feed(chunk, now_ms * SECONDS), theirs.feed_ms(chunk, now_ms)

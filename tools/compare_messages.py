@@ -1,4 +1,4 @@
-"""Feed the same random and damaged streams of messages to the decoders in Python, C and Lua: the same must come out.
+"""Feed the same random and damaged streams of messages to the decoders in Python, C and Lua, and compare them.
 
     python tools/compare_messages.py [COUNT] [--seed N] [--no-lua]        default: 100000 streams
 
@@ -41,7 +41,7 @@ class Comparison:
             self._lua = LuaMessageDecoder
 
     def difference(self, calls: list[Call], epoch_ms: int) -> str:
-        """What the decoders disagree on; empty when on nothing."""
+        """Return the disagreements of the decoders; empty without one."""
         ours = python_decoder()
         others: dict[str, Any] = {"C": CMessageDecoder(self._c, epoch_ms)}
         if self._lua:

@@ -1,4 +1,4 @@
-"""Draws README's picture of the demo: what the terminal shows, and the search's own picture, of a run made for it.
+"""Draws README's picture of the demo: the terminal, and the search's own picture, of a run made for it.
 
 python tools/demo_picture.py [--out docs/pictures/demo.png]
 """
@@ -23,19 +23,19 @@ PALETTE: Final = 64  # colours of the file: what keeps it small
 
 
 def demo(folder: Path) -> list[str]:
-    """Fly the demo, recorded into a folder: what it says."""
+    """Fly the demo and record it into a folder; return its output."""
     command = [sys.executable, "-m", "arva_hil", "demo", "--speed", "max", "--record", str(folder)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stderr.splitlines()
 
 
 def shown(lines: list[str]) -> list[str]:
-    """The lines as the picture has them: none of this machine's places, none longer than the terminal is wide."""
+    """Return the lines for the picture: without places of this machine, and not longer than the terminal."""
     kept = [line for line in lines if "/" not in line or "quadrotor" in line]
     return ["$ arva-hil demo", *(line if len(line) <= COLUMNS else line[: COLUMNS - 1] + "…" for line in kept)]
 
 
 def terminal(lines: list[str], width: int) -> Image.Image:
-    """What a terminal of that width in pixels looks like with these lines."""
+    """Return the picture of a terminal of this width in pixels with these lines."""
     path = font_manager.findfont("DejaVu Sans Mono")
     size = next(
         s for s in range(20, 6, -1) if ImageFont.truetype(path, s).getlength("0" * COLUMNS) <= width - 2 * EDGE_PX
@@ -51,7 +51,7 @@ def terminal(lines: list[str], width: int) -> Image.Image:
 
 
 def picture(lines: list[str], search: Image.Image) -> Image.Image:
-    """The terminal above the search's picture."""
+    """Return the terminal above the search's picture."""
     above = terminal(lines, search.width)
     whole = Image.new("RGB", (search.width, above.height + search.height), "white")
     whole.paste(above, (0, 0))

@@ -3,8 +3,8 @@
     python -m tools sitl lua …/build/sitl/bin/arducopter --runs 10 [--slope 0.3] [--rangefinder]
 
 A transmitter within ±15 m lies in any attitude, up to 2 m deep; wind of 7 m/s with gusts, no GPS error. For each
-flight: what the script says at its end, the true error of the place that it tells, the lowest true height above the
-ground from the start of the search to its end, and its time. Ends with 1 when a flight found nothing.
+flight: the script's last message, the true error of its place, the lowest true height above the ground from the start
+of the search to its end, and its time. The exit code is 1 if a flight found nothing.
 """
 
 from __future__ import annotations

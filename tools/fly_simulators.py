@@ -22,9 +22,9 @@ of each message:
     fence     the vehicle keeps within a fence of 10 m, and the transmitter lies beyond it
     busy      as anywhere, beside two processes that take a core each
 
-`late`: orders and set-points from the search later than the promised bound after the vehicle has said the pilot's mode.
-Everything goes to a folder for each flight; results.jsonl has all figures. Ends with 1 when a flight was not as it
-should be. One at a time: ports are fixed.
+`late`: orders and set-points of the search later than the promised bound after the vehicle's report of the pilot's
+mode. Each flight has a folder; results.jsonl has all figures. The exit code is 1 after a failed flight. One at a time:
+ports are fixed.
 """
 
 from __future__ import annotations

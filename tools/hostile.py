@@ -1,14 +1,14 @@
-"""Throws packets and noise at the session with an autopilot, and checks that nothing of it is believed.
+"""Sends packets and noise to the session with an autopilot, and checks that the session accepts none of them.
 
     python tools/hostile.py [--packets 10000000] [--random-mb 200]
 
-Half of the packets go to a session without a key, half to one that verifies signatures; both follow a vehicle that
-goes on speaking in between, and every pose has to be that vehicle's. Among them: valid and invalid checksums, wrong
-lengths, packets of later versions, 255 systems, signatures, the vehicle's own ids from others, its clock and position
-far off, values that are no pose, its own packets once more; and to the session with a key, packets that only lack the
-signature. Then come random bytes, and what costs the parser most. At last the program is closed or killed and started
-again and again, with a right clock or a wrong one, and each time hears first what was recorded: nothing of it may
-be believed, except what a killed one had not written yet. Ends with 1 when something is not as it should be.
+Half of the packets go to a session without a key, half to one that verifies signatures. Both follow a vehicle that
+continues to send, and every pose must be that vehicle's. Among the packets: valid and invalid checksums, wrong lengths,
+packets of later versions, 255 systems, signatures, the vehicle's own ids from others, its clock and position far off,
+values that are no pose, its own packets once more; and to the session with a key, packets that only lack the signature.
+Then come random bytes, and the input that costs the parser most. At the end the program is closed or killed and
+restarted repeatedly, with a right or a wrong clock, and each time receives the recorded packets first. It may accept
+none of them, except those that a killed one had not stored yet. The exit code is 1 after a failure.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 class Bench:
-    """A session and its vehicle, which flies east at 1 m/s. Remembers what was not as it should be."""
+    """A session and its vehicle, which flies east at 1 m/s. Remembers the failures."""
 
     def __init__(self, numbers: random.Random, key: bytes | None) -> None:
         self.numbers = numbers
@@ -85,7 +85,7 @@ class Bench:
         return self.now - 900
 
     def fly(self) -> None:
-        """The vehicle says where it is; then the session has to know just that."""
+        """Send the vehicle's position; the session must then have it."""
         self.now += STEP_S
         self._steps += 1
         ms = round(self.boot * 1e3)
@@ -170,7 +170,7 @@ def report(bench: Bench, cost: list[float], memory: list[int]) -> bool:
 
 
 def measure_cost(numbers: random.Random) -> bool:
-    """What a byte costs, cut into chunks of any size: no path may be quadratic."""
+    """Measure the cost of a byte in chunks of any size: no path may be quadratic."""
     flood = {
         "heartbeats": beat(2, 3, 0),
         "random": numbers.randbytes(1 << 20),

@@ -1,4 +1,4 @@
-"""Prints the figures of the house: how long its ways are, its largest classes, its statements.
+"""Prints the figures of the house: the length of its ways, its largest classes, its statements.
 
     python -m tools.house
 

@@ -3,8 +3,8 @@
     python tools/long_run.py                  # 4 h of emulated time, as fast as it goes
     python tools/long_run.py --real 1800      # half an hour in real time, over pseudo-terminals
 
-The built-in vehicle flies a square, the emulator follows and records, a consumer reads the frames. Ends with 1 when
-something is not as it should be.
+The built-in vehicle flies a square, the emulator follows and records, a consumer reads the frames. The exit code is 1
+after a failure.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def main() -> None:
 
 
 def long_run(options: argparse.Namespace, folder: Path) -> bool:
-    """Fly, then check; whether all is well."""
+    """Fly, then check. Return True if all is well."""
     scenario = load(options.scenario)
     clock: RealClock | StepClock = RealClock() if options.real else StepClock()
     wall = RealClock()
@@ -131,7 +131,7 @@ class Pilot:
 
 
 class Consumer:
-    """What a driver does: reads the port and counts."""
+    """A driver: it reads the port and counts."""
 
     def __init__(self, link: Link, format: str) -> None:
         self.links: Sequence[Link] = [link]
@@ -183,7 +183,7 @@ class Memory:
 
 
 def check_time(watch: Watch, rate_hz: float, took_s: float) -> bool:
-    """The last deadline is where it belongs, and memory has stayed what it was."""
+    """Check that the last deadline is exact, and that memory has not grown."""
     assert watch.last is not None
     last, memory_mb = watch.last, watch.memory_mb
     drift_s = last.instant_s - last.number / rate_hz
@@ -204,7 +204,7 @@ def check_time(watch: Watch, rate_hz: float, took_s: float) -> bool:
 
 
 def check_counts(counts: dict[str, Any], consumer: Consumer, folder: Path, watch: Watch) -> list[bool]:
-    """Every frame is accounted for, and all who counted agree."""
+    """Check that every frame is accounted for, and that all counters agree."""
     print(json.dumps(counts))
     c = {name: value for name, value in counts.items() if isinstance(value, int)}
     made = c["frames"] + c["duplicated"]

@@ -1,9 +1,9 @@
-"""Write firmware_proto/vectors.json: what a codec in any language is checked with.
+"""Write firmware_proto/vectors.json, the test data for a codec in any language.
 
-What is in it is made in tools/vectors, without a codec.
+tools/vectors makes its contents without a codec.
 
     python tools/make_vectors.py            write the file
-    python tools/make_vectors.py --check    exit 1 when the file is not what would be written
+    python tools/make_vectors.py --check    exit 1 if the file differs
 """
 
 from __future__ import annotations

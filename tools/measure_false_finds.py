@@ -1,4 +1,4 @@
-"""Prints how searches end while anything of configs/faults.yaml goes wrong, and how many finds are false.
+"""Prints the outcomes of searches with faults of configs/faults.yaml, and the number of false finds.
 
     python tools/measure_false_finds.py [--strategy estimate] [--runs 2000] [--first 1] [--faults 3] [--verbose]
 
@@ -83,7 +83,7 @@ def scheduled(fault: Fault, r: random.Random) -> Fault:
 
 
 def flown(strategy: str, seed: int, most: int, gps_noise_m: float = 0.0) -> Flown:
-    """One search with a stepped clock, as a campaign flies it."""
+    """Fly one search with a stepped clock, like a campaign."""
     world, clock = scenario(seed, most), StepClock()
     plan = SearchPlan(STRATEGIES[strategy], limit_s=_LIMIT_S)
     loop = ClosedLoop(world, plan, start=clock.now(), gps_noise_m=gps_noise_m, stream_hz=10.0)
@@ -101,7 +101,7 @@ def flown(strategy: str, seed: int, most: int, gps_noise_m: float = 0.0) -> Flow
 
 
 def error(drone: Drone, world: Scenario, now: float) -> float | None:
-    """From the place reported to where the transmitter searched for is, or was before a fault moved it."""
+    """Return the distance from the place reported to the transmitter, also to its place before a fault moved it."""
     mission = drone.mission
     if mission is None or mission.found is None:
         return None

@@ -1,4 +1,4 @@
-"""Lets a pilot take over a search at random moments, and counts what is ordered against that.
+"""Lets a pilot take over a search at random moments, and counts the orders after that.
 
     python tools/pilot_authority.py [--runs 50] [--jobs 2] [--seed 1]
 
@@ -8,10 +8,10 @@ that behind PX4's modes), in real time:
     pause   the process is stopped by SIGSTOP for 1.2 to 14 s, and the pilot switches meanwhile
     end     the pilot switches in the last 200 ms before the search ends, and it would land
     climb   the pilot chooses HOLD or LOITER somewhere in the climb
-    other   the vehicle falls silent, for 0 to 5 s, then another one with its ids speaks on the same port
+    other   the vehicle is silent for 0 to 5 s, then another one with its ids sends on the same port
 
-An order is any command or set-point that arrives later than the promised bound after the vehicle has said the pilot's
-mode, or after the other vehicle's first word. Ends with 1 when there was one.
+An order is any command or set-point that arrives later than the promised bound after the vehicle has reported the
+pilot's mode, or after the other vehicle's first packet. The exit code is 1 after an order.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ def fly(kind: str, seed: int) -> Result:
 
 
 def appear(b: Bench, numbers: random.Random) -> None:
-    """Another vehicle with the ids of the first one, in the air and in its mode; its clock is some seconds off."""
+    """Start another vehicle with the ids of the first one, in the air and in its mode; its clock is seconds off."""
     now = b.clock.now()
     north = numbers.uniform(0.0, 60.0)
     first = b.vehicle._vehicle if isinstance(b.vehicle, Px4) else b.vehicle

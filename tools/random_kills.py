@@ -5,8 +5,8 @@
 A quarter of the programs gets SIGKILL, the others SIGINT or SIGTERM, alone or with all their processes, as from a
 terminal. After each end no process of it may be left; after a signal also no symlink and no unfinished file, no
 traceback of the program, and the exit code is 130, or that of an end before. SIGKILL leaves the symlink and the
-record: the next start replaces the symlink, as all starts of a command use the same name. Ends with 1 when something is
-not as it should be.
+record: the next start replaces the symlink, as all starts of a command use the same name. The exit code is 1 after a
+failure.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Prints every figure that the receiver that listens to pulses has to reproduce: computed, expected, and by whom.
+"""Prints every figure that the receiver of pulses must reproduce: computed, expected, and its source.
 
     python tools/receiver_figures.py
 

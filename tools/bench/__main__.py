@@ -1,11 +1,11 @@
-"""Measures our speed beside what a user would take instead, and prints one table.
+"""Measures our speed and that of other libraries, and prints one table.
 
     python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE]
                           [model streams live loops starts limits fleet]
 
-`--check` names what got slower than in a file that `--json` wrote before, and then the exit code is 1, as when no row
-could be compared. It says what else differs: the machine, Python, the commit. Each cost is the least of several, of
-processor time where nothing else is said, and ours is measured beside its peer's.
+`--check` lists the rows that are slower than in a file of `--json`; the exit code is then 1, also if no row can be
+compared. It also lists differences of machine, Python and commit. Each cost is the least of several measurements, of
+processor time by default, and ours is measured beside its peer's.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "fleet": _fleet,
 }
 _NEED_FLIGHT = ("streams", "live", "starts", "limits")
-_LEAST_S = 5.0  # of a live flight: what is asked for at its start does not count
+_LEAST_S = 5.0  # shortest live flight, without its start
 
 
 def main() -> int:
@@ -106,7 +106,7 @@ def main() -> int:
 
 
 def _checked(rows: list[Row], before: Baseline, path: Path) -> int:
-    """Print what got slower, and what cannot be told. Returns the exit code."""
+    """Print the slower rows, and those that cannot be compared. Returns the exit code."""
     for words in differs(before.conditions, conditions()):
         print(f"{path}: measured with another {words}")
     for row in rows:
@@ -121,7 +121,7 @@ def _checked(rows: list[Row], before: Baseline, path: Path) -> int:
 
 
 def _told(rows: Iterator[Row]) -> Iterator[Row]:
-    """As they come, on the side: the whole takes minutes."""
+    """Yield rows, and print each on stderr: the whole takes minutes."""
     for row in rows:
         print(row.line(), file=sys.stderr, flush=True)
         yield row

@@ -1,9 +1,9 @@
-"""The emulator live, in a process that does nothing else, as `arva-hil run` is and as the peer of the bench is.
+"""The emulator live, in a process that does nothing else, like `arva-hil run` and the peer of the bench.
 
     python -m tools.bench.alone AUTOPILOT HZ SECONDS
 
-Prints the loop's CPU time [s], then how late each frame was [ms]. `cat` reads the frames. The first two seconds do not
-count, in which much runs for the first time: how long a start takes is another row.
+Prints the loop's CPU time [s], then the lateness of each frame [ms]. `cat` reads the frames. The first two seconds do
+not count: the time of a start is another row.
 """
 
 from __future__ import annotations

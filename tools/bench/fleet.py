@@ -1,7 +1,7 @@
 """Many vehicles in one process on one core: 50 Hz poses in, 10 Hz frames out, over UDP and pseudo-terminals.
 
-Vehicles with an odd number speak UDP and have their frames on a pseudo-terminal, the others the other way round. One
-far end, a process of its own, plays all of them and reads all frames. The limit is sought by doubling.
+Vehicles with an odd number use UDP and have their frames on a pseudo-terminal, the others the reverse. One far end, a
+process of its own, plays all of them and reads all frames. The limit is found by doubling.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ _FLOOD: Final = 40  # times what is usual
 
 
 class Flown(NamedTuple):
-    """What so many vehicles cost: CPU seconds of the loop, how late each frame was [ms], and how many frames were
-    made, were skipped or dropped, and had no pose."""
+    """The cost of a number of vehicles: CPU seconds of the loop, lateness of each frame [ms], and the numbers of frames
+    made, skipped or dropped, and without a pose."""
 
     vehicles: int
     cpu_s: float
@@ -86,7 +86,7 @@ def rows(seconds: float) -> Iterator[Row]:
 
 
 def _limit(many: Flown, seconds: float) -> int:
-    """The most vehicles of those tried whose frames were in time, none of them lost."""
+    """Return the largest number of vehicles tried whose frames were in time and not lost."""
     good, count = 0, many.vehicles
     flown = many
     while _is_good(flown):
@@ -133,7 +133,7 @@ def scenario(count: int) -> Scenario:
 
 
 class _Timed(Link):
-    """A port that notes when each frame was written, ms after its instant."""
+    """A port that records the lateness of each frame [ms]."""
 
     def __init__(self, port: Link, clock: RealClock) -> None:
         self.name = port.name
@@ -198,7 +198,7 @@ def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> 
 
 
 def _packets(encoder: Encoder, n: int) -> bytes:
-    """Of instant `n` / 50 s: on a circle."""
+    """Return the packets of instant `n` / 50 s, on a circle."""
     t = n / POSE_HZ
     north, east = 20 * np.cos(t / 10), 20 * np.sin(t / 10)
     ms, lat, lon = round(1e3 * t) + 1000, round(460123000 + north * 90), round(77456000 + east * 129)

@@ -1,4 +1,4 @@
-"""A recorded flight as an autopilot would send it now, on a pseudo-terminal; and what a live run is held against."""
+"""A recorded flight as a live stream of an autopilot on a pseudo-terminal, and the truth to judge a live run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 
 
 class Motion:
-    """The motion of a recorded flight, smooth between its samples: the truth that a live run is held against.
+    """The motion of a recorded flight, smooth between its samples: the truth to judge a live run.
 
     Position: cubic Hermite through GLOBAL_POSITION_INT; attitude: a spline through ATTITUDE. By scipy.
     """
@@ -117,7 +117,7 @@ def playing(motion: Motion, seconds: float) -> Iterator[tuple[str, float]]:
 
 
 def bare(hz: float, seconds: float) -> list[float]:
-    """How late a loop is that does nothing, ms."""
+    """Return the lateness of a loop that does nothing [ms]."""
     clock, late = RealClock(), []
     for n in range(round(seconds * hz)):
         clock.wait(n / hz)

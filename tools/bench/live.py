@@ -1,4 +1,4 @@
-"""The emulator live over pseudo-terminals, beside programs that do nothing but read, wait or echo on the same."""
+"""The emulator live over pseudo-terminals, compared with programs that only read, wait or echo."""
 
 from __future__ import annotations
 

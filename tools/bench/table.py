@@ -12,14 +12,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-_SLOWER = 1.25  # times the ratio of the baseline: what two runs on a shared machine differ by anyway
+_SLOWER = 1.25  # factor by which two runs on a shared machine may differ
 
 
 @dataclass(frozen=True)
 class Row:
     """One piece of work. `ours` and `beside`: its cost in `unit`, ours and that of the `peer`.
 
-    `cost`: what is judged, smaller is better: mostly ours over the peer's. It should be at most `reach`.
+    `cost`: the judged value, smaller is better: mostly ours over the peer's. It should be at most `reach`.
     """
 
     work: str
@@ -51,13 +51,13 @@ def show(rows: Iterable[Row]) -> None:
 
 
 def write(rows: Sequence[Row], path: Path) -> None:
-    """Write rows, and with what they were measured. Raises OSError."""
+    """Write rows and the conditions of their measurement. Raises OSError."""
     about = {"with": conditions(), "rows": [asdict(row) for row in rows]}
     path.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def conditions() -> dict[str, str]:
-    """What the rows of a run depend on besides the code: the machine, Python, and the commit that is measured."""
+    """Return the conditions of a run besides the code: machine, Python, and commit."""
     git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude=*"]
     try:
         commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
@@ -77,14 +77,14 @@ def _processor() -> str:
 
 
 class Baseline(NamedTuple):
-    """What `write` wrote: rows by their work, and with what they were measured."""
+    """A file of `write`: rows by their work, and the conditions."""
 
     rows: dict[str, Row]
     conditions: dict[str, str]
 
 
 def read(path: Path) -> Baseline:
-    """Raises ValueError for a file that `write` did not write."""
+    """Read a file of `write`. Raises ValueError for another file."""
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
         rows = [Row(**row) for row in about["rows"]]
@@ -98,11 +98,11 @@ def read(path: Path) -> Baseline:
 
 
 def differs(before: dict[str, str], now: dict[str, str]) -> list[str]:
-    """What was different when the baseline was measured, in words."""
+    """Return the differences of the conditions from the baseline, in words."""
     return [f"{what} {before.get(what, 'unknown')}, now {is_}" for what, is_ in now.items() if before.get(what) != is_]
 
 
 def slower(rows: Iterable[Row], before: dict[str, Row]) -> list[str]:
-    """What got slower, in words."""
+    """Return the slower rows, in words."""
     pairs = [(row, before[row.work]) for row in rows if row.work in before]
     return [f"{row.work}: {row.cost:.3g}, before {old.cost:.3g}" for row, old in pairs if row.cost > _SLOWER * old.cost]

@@ -46,7 +46,7 @@ def fields(**types: Any) -> list[tuple[str, Any]]:
 
 
 def written(function: Any, raw: ctypes.Structure, capacity: int) -> bytes:
-    """What an encoder writes; empty when it refuses. Raises AssertionError when it wrote more or less than it says."""
+    """Return the output of an encoder; empty if it refuses. Raises AssertionError for a wrong number of bytes."""
     out = ctypes.create_string_buffer(b"\xee" * (capacity + 8))
     size: int = function(ctypes.byref(raw), out, ctypes.c_size_t(capacity))
     assert out.raw[size:-1] == b"\xee" * (capacity + 8 - size)
@@ -54,7 +54,7 @@ def written(function: Any, raw: ctypes.Structure, capacity: int) -> bytes:
 
 
 class Decoding:
-    """A decoder in C with the face of those in Python: `now` in seconds is rounded to milliseconds after `epoch_ms`."""
+    """A C decoder with the methods of those in Python: `now` in seconds is rounded to milliseconds after `epoch_ms`."""
 
     def __init__(self, library: ctypes.CDLL, state: Any, epoch_ms: int) -> None:
         self._library = library

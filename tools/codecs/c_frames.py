@@ -1,4 +1,4 @@
-"""The codec of frames in C, with the face of firmware_proto.Decoder and encode."""
+"""The codec of frames in C, with the methods of firmware_proto.Decoder and encode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random and damaged streams of binary frames or messages, cut anywhere: what decoders are compared on."""
+"""Random and damaged streams of binary frames or messages, cut anywhere, to compare decoders."""
 
 from __future__ import annotations
 

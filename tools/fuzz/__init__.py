@@ -1,4 +1,4 @@
-"""Fuzzing of what reads from outside: `python -m tools.fuzz.python TARGET`, and of the C code `python -m tools.fuzz.c`.
+"""Fuzzing of readers: `python -m tools.fuzz.python TARGET`, and of the C code `python -m tools.fuzz.c`.
 
-A target in Python is a module: `fuzz(data)` takes any bytes and fails by an exception, `seeds()` is what to begin with.
+A target in Python is a module: `fuzz(data)` takes any bytes and fails by an exception; `seeds()` has first inputs.
 """

@@ -1,4 +1,4 @@
-"""Commands and answers: what comes out was sent, and what is sent back comes out again."""
+"""Commands and answers: every output was sent, and comes out again if it is sent back."""
 
 from __future__ import annotations
 

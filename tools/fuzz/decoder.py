@@ -1,4 +1,4 @@
-"""The decoders of frames: nothing comes out that was not sent, and every byte is counted once."""
+"""The decoders of frames: every output was sent, and every byte is counted once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Packets of somebody who wants a session with a vehicle to believe what is not so: see hostile.py."""
+"""Packets of an attacker that wants a session with a vehicle to accept false values: see hostile.py."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def position(ms: int, lat: int, lon: int, alt: int) -> bytes:
 
 
 class Enemy:
-    """One kind as likely as another. `past`: what the vehicle has said; `signing`: whether it signs.
+    """One kind as likely as another. `past`: packets of the vehicle; `signing`: it signs.
 
     Each kind gets the vehicle's time [s].
     """
@@ -54,7 +54,7 @@ class Enemy:
         return kind(boot)
 
     def _any(self, boot: float) -> tuple[int, bytes]:
-        """A message as the vehicle might send it, with other values."""
+        """Return a message that the vehicle might send, with other values."""
         n, ms = self._n, round(boot * 1e3)
         msgid = self._pick((POSITION, ATTITUDE, QUATERNION, BEAT, ACK))
         if msgid == POSITION:

@@ -1,4 +1,4 @@
-"""Scenario files and faults: what is read can be written and read again, what is refused is told with its place."""
+"""Scenario files and faults: a valid one can be written and read again; a mistake is reported with its place."""
 
 from __future__ import annotations
 

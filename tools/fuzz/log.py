@@ -26,7 +26,7 @@ _STEPS_US: Final = (
 
 
 def fuzz(data: bytes) -> None:
-    """What is read of a log is all of it, in order, and its time line goes on."""
+    """Check that all of a log is read, in order, and that its time line is continuous."""
     written = _written(data)
     _FILE.write_bytes(written)
     reader = TlogReader(_FILE)

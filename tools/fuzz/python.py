@@ -1,12 +1,12 @@
-"""Coverage-guided fuzzing of what reads from outside: scenario files, MAVLink, frames, commands, logs, news of a team.
+"""Coverage-guided fuzzing of readers: scenario files, MAVLink, frames, commands, logs, news of a team.
 
     python -m tools.fuzz.python loader|session|decoder|commands|log|team [--seconds 600] [--seed N] [--corpus DIR]
     python -m tools.fuzz.python TARGET --runs 10000            damaged seeds, the same each time, without atheris
     python -m tools.fuzz.python TARGET --reproduce FILE        one input, without atheris
 
-Coverage needs atheris: pip install 'arva-hil[fuzz]'. What is tried and what has to hold: the target's module. It begins
-with configs/, tests/data, tests/broken and vectors.json, and with what is in `--corpus`, which grows. The first finding
-ends the run: its input is left in the current folder. Exit 0 when nothing was found, 1 when something was.
+Coverage needs atheris: pip install 'arva-hil[fuzz]'. The target's module has the inputs and the conditions. It begins
+with configs/, tests/data, tests/broken and vectors.json, and with the folder `--corpus`, which grows. The first finding
+ends the run and leaves its input in the current folder. Exit 0 without a finding, 1 with one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The bytes of an input cut into operations, so that what is mutated is a story and not only its spelling."""
+"""The bytes of an input as operations, so that mutations change the story, not only its spelling."""
 
 from __future__ import annotations
 

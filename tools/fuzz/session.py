@@ -1,4 +1,4 @@
-"""The session with an autopilot: whatever comes from others, it knows what it would know without them."""
+"""The session with an autopilot: packets of others do not change its state."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def fuzz(data: bytes) -> None:
 
 
 class Bench:
-    """A session, its link, and a twin that is told only what the vehicle sends: both have to know the same."""
+    """A session, its link, and a twin that gets only the vehicle's packets: both must have the same state."""
 
     def __init__(self, s: Script) -> None:
         options = s.number()

@@ -1,4 +1,4 @@
-"""News of a team: whatever passes the decoder, no velocity leads to a place where another vehicle is reported."""
+"""News of a team: no velocity leads to a place where another vehicle is reported."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the paper's figures are drawn from."""
+"""The data of the paper's figures."""

@@ -1,1 +1,1 @@
-"""Receivers of pulses that are measured: what receiver_figures.py and receiver_pictures.py share."""
+"""Measured receivers of pulses: the common part of receiver_figures.py and receiver_pictures.py."""

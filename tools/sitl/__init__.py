@@ -1,1 +1,1 @@
-"""Flights on ArduPilot's and PX4's simulators: what fly_simulators.py is made of."""
+"""Flights on ArduPilot's and PX4's simulators: the parts of fly_simulators.py."""

@@ -1,4 +1,4 @@
-"""The programs of a flight on a simulator, and what is to be said of it by the simulator's own truth."""
+"""The programs of a flight on a simulator, and its judgement by the simulator's own truth."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle", "joys
 
 
 class Program:
-    """One of our commands; `lines`: what it says, and when."""
+    """One of our commands; `lines`: its output with times."""
 
     def __init__(self, folder: Path, *arguments: object) -> None:
         self.lines: list[tuple[float, str]] = []
@@ -88,7 +88,7 @@ class Program:
 
 @dataclass
 class Flight:
-    """What came of one. Heights and errors are horizontal or true, m, as far as they are known."""
+    """The result of one flight. Heights and errors are horizontal or true, m, as far as they are known."""
 
     simulator: str
     kind: str

@@ -1,4 +1,4 @@
-"""A relay between a search and a simulator, which notes each message and when it went through; and a pilot on it."""
+"""A relay between a search and a simulator, which records each message with its time; and a pilot on it."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Slope(NamedTuple):
 
 
 class Relay:
-    """Between the search and the simulator. `notes`: what went through, in order. `url`: for the search."""
+    """The relay between search and simulator. `notes`: the messages, in order. `url`: for the search."""
 
     url: str
 

@@ -63,8 +63,7 @@ class Look:
 
     - `pose`: the receiver's own; None if unknown.
     - `transmitters`: always the same number in the same order.
-    - `noise` (M, 3), NED: during interference added to each field instead of the receiver's own noise, which is drawn
-    too.
+    - `noise` (M, 3), NED: during interference added to each field instead of the receiver's own noise.
     - `impairment`: faults; None without one.
     """
 

@@ -86,10 +86,8 @@ class Recording:
     """A record. `run` is None for the log of a search alone, which has no receivers.
 
     - `events`, `status`: the objects of events.jsonl, without the status and of the status. Their `time_s` is on the
-    clock
-      of the frames, which is 0 at the start of the run.
-    - `start_utc_s`: that start in seconds since 1970; None if unknown. `log_start_s`: the same by the clock of the
-    logs.
+      clock of the frames, which is 0 at the start of the run.
+    - `start_utc_s`: that start in seconds since 1970; None if unknown. `log_start_s`: the same by the logs' clock.
     - `datums`: changes of the datum by vehicle ("" in a record of one receiver).
     - `notes`: unused parts of the files, for a person.
     """
