@@ -1,4 +1,4 @@
-"""The limits of a run: the wire, a pseudo-terminal, the parser of packets, the interpreter; each compared with our work."""
+"""The limits of a run: the wire, a pseudo-terminal, the parser of packets, the interpreter; each beside our work."""
 
 from __future__ import annotations
 

@@ -27,7 +27,9 @@ _MOST_PHASES: Final = 64
 class RecordedPlace:
     """The place that a search reports, metres from the take-off point, NED; `lat_lon` in degrees, None if not known.
 
-        """Return the ellipse on Earth that contains the transmitter with this probability, for normal errors.
+    `covariance`: of north and east, m² (nn, ne, ee); None if the strategy gives none. `id`: of the transmitter, None if
+    it is not known; `sure`: the readings agree with the place. `relative_covariance`: of the place relative to the
+    drone; `earth_covariance`: of the position on Earth; None in old logs.
     """
 
     north: float
