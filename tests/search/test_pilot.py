@@ -76,7 +76,7 @@ def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
     goes_on = world.clock.now()
     kind, how = world.end(4.0)
     flown = isinstance(world.vehicle, Px4)
-    assert (kind, how.partition(" (this program was held up")[0]) == (
+    assert (kind, how.partition(" (this program was delayed")[0]) == (
         "failed",
         TAKEN.format("position" if flown else "LOITER"),
     )
