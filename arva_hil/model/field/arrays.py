@@ -25,7 +25,7 @@ def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
 
 
 def vector(name: str, value: ArrayLike, *shape: int) -> Array:
-    """`value` as an array of floats of exactly this shape. Raises ValueError as `floats`."""
+    """Return `value` as an array of floats of exactly this shape. Raises ValueError as `floats`."""
     array = value if isinstance(value, np.ndarray) and value.dtype == np.float64 else floats(name, value)
     if array.shape != shape:
         raise ValueError(f"{name}: the shape {array.shape}, expected {shape}")

@@ -1,8 +1,8 @@
 """The newest values of an autopilot's height sensors, from its messages, and the check of its rangefinder.
 
 Messages, https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR or ArduPilot's RANGEFINDER measure the height.
-SCALED_PRESSURE and GPS_RAW_INT measure the altitude. TERRAIN_REPORT is of a database. ALTITUDE.bottom_clearance and
-EXTENDED_SYS_STATE are estimates of the autopilot.
+SCALED_PRESSURE and GPS_RAW_INT measure the altitude. TERRAIN_REPORT has the height of a database.
+ALTITUDE.bottom_clearance and EXTENDED_SYS_STATE are estimates of the autopilot.
 
 The rangefinder is compared with the vehicle's motion: the ground cannot change where the vehicle does not fly.
 """
