@@ -44,9 +44,10 @@ class Trial:
 class Result:
     """The result of a trial. The errors are None if nothing was found.
 
-    They are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the true
-    place of the hovering vehicle (None for several drones); of several transmitters the largest and the last one's. Of
-    several drones: the time until as many as wanted were found, and the sums of their paths and frames.
+    The errors are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the
+    true place of the hovering vehicle (None for several drones). Of several transmitters `error_m` is the largest,
+    `hover_m` that of the last one. Of several drones: the time until enough were found, and the sums of paths and
+    frames.
 
     `sigma_m`: the uncertainty of the place on Earth; `relative_m`, `relative_sigma_m`: error and uncertainty of the
     place relative to the vehicle. All are None for several transmitters or drones.

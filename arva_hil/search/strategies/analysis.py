@@ -258,7 +258,7 @@ def killed(exit_code: int | None) -> str:
 
 
 def _sound(found: Found) -> Found | None:
-    """Return the place without its invalid other values."""
+    """Return the place without its invalid optional values."""
     north, east, down, covariance, now, now_covariance, turned_deg = found
     if not math.isfinite(north + east):
         return None

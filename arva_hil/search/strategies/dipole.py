@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 # Prior knowledge.
 MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
 _STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
-_DEPTH: Final = (0.5, 1.2)  # below the ground, and its sigma, m
+_DEPTH: Final = (0.5, 1.2)  # depth below the ground and its sigma, m
 _YAW: Final = math.radians(5.0) ** -2  # inverse variance of the yaw
 RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3 + [_YAW])  # next to nothing of place and moment
 
@@ -164,8 +164,8 @@ class Fit(NamedTuple):
     gradient: Array  # (K, 7) of the cost, the weights held
     error: Array  # (K, M)
     weight: Array  # (K, M)
-    slope: Array  # (K, M) of the error over the receiver's place, squared, 1/m²
-    variance: Array  # (K, M) of the error, were the receiver's place exact
+    slope: Array  # (K, M) squared slope of the error over the receiver's place, 1/m²
+    variance: Array  # (K, M) of the error, if the receiver's place were exact
     slopes: Array  # (K, 7, M) of the error over x
 
 

@@ -45,7 +45,7 @@ class _Linear(NamedTuple):
 
     of: NDArray[np.intp]  # (M,) the reading of each
     slopes: Array  # (7, M) of the error over the hypothesis
-    error: Array  # (M,) less what the drift explains
+    error: Array  # (M,) without the part explained by the drift
     each: Array  # (M, M) covariance of the errors
     solved: Array  # (M, 8) by it: slopes and error
     information: NDArray[Any]  # (7, 7)

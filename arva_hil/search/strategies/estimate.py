@@ -57,7 +57,7 @@ _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 class Hypotheses:
     """Dipoles that may explain the readings, under one cause; their shares add up to 1.
 
-    - `cause`: of what is wrong with the readings. `readings`: with the poses under that cause.
+    - `cause`: of the errors of the readings. `readings`: with the poses under that cause.
     - `x`: dipoles (K, 7). `places`: (K, 3), in the frame reported now. `share`: (K,).
     - `drifts`: the fits under a drift of the places, the best first; none without a drift.
     - `covariance`: of north and east of the average [m²]. `sure`: the covariance is small.
@@ -98,7 +98,7 @@ class Hypotheses:
             alike = self.pose_error**2  # errors of places that are near in time need not average out
             now_covariance = nn + alike, ne, ee + alike
             return Found(north, east, down, (nn, ne, ee), None, now_covariance, turned_deg)
-        best = self.drifts[0]  # not where it seems to be now, but where it was all the time
+        best = self.drifts[0]  # its mean place, not the one reported now
         now, now_covariance = (north, east), (nn, ne, ee)
         (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
         north, east, down = best.x[:3].tolist()
@@ -119,7 +119,7 @@ class Hypotheses:
         fit, damping = dipole.refine(self.x, self._damping, self.readings, self.pose_error, rounds)
         order = np.argsort(fit.cost, kind="stable")
         x, cost = fit.x[order], fit.cost[order] - fit.cost[order[0]]
-        x[:, 3:6] *= np.where(x[:, 3:6] @ x[0, 3:6] < 0, -1, 1)[:, None]  # m and −m sound alike
+        x[:, 3:6] *= np.where(x[:, 3:6] @ x[0, 3:6] < 0, -1, 1)[:, None]  # m and −m give equal readings
         scale = _SAME * ([1 + math.dist(x[0, :3], o.position)] * 3 + [1] * 4)
         apart = (np.abs(x[:, None] - x) > scale).any(axis=2)
         kept = np.flatnonzero((cost < dipole.FORGET) & (apart | ~np.tri(len(x), k=-1, dtype=bool)).all(axis=1))[:_MANY]
@@ -283,7 +283,7 @@ class Estimate:
         return drifts and self._dipoles.cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _AVERAGE_S
 
     def _explain(self, o: Observation) -> None:
-        """Find out how late the readings are, how their places drift, and which antennas fail."""
+        """Find the delay of the readings, the drift of their places, and the antennas that fail."""
         every = self._evidence.explanations(self._dipoles.x[:3], self._dipoles.cause)
         self.track = self._evidence.track(self._dipoles.x[:3], every)
         self._believe(every, _EVIDENT, o)
