@@ -12,6 +12,7 @@ PROGRAMS = {
     "bench": "tools.bench.__main__",
     "bench house": "tools.house",
     "bench finds": "tools.measure_false_finds",
+    "bench worlds": "tools.measure_worlds",
     "figures paper": "tools.paper_figures",
     "figures receivers": "tools.receiver_figures",
     "figures pulses": "tools.receiver_pictures",
