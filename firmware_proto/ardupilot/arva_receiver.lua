@@ -2,7 +2,7 @@
  Driver for an ARVA receiver: an avalanche transceiver (457 kHz) on a serial port, SERIALn_PROTOCOL 28
 
  Reads its binary frames (PROTOCOL.md of firmware_proto), sends the first channel to the ground station, logs all
- channels, and says when the receiver appears, is lost and comes back. See arva_receiver.md
+ channels, and reports when the receiver appears, is lost and comes back. See arva_receiver.md
 --]]
 
 ---@diagnostic disable: param-type-mismatch
@@ -13,11 +13,11 @@ local PARAM_TABLE_PREFIX = "ARVA_"
 local MAV_SEVERITY = {EMERGENCY=0, ALERT=1, CRITICAL=2, ERROR=3, WARNING=4, NOTICE=5, INFO=6, DEBUG=7}
 
 local UPDATE_MS = 10
-local MOST_WORK = 240      -- of the decoder in one pass, see there
-local MOST_WORK_SHARED = 50 -- and while a command waits for its answer
-local MOST_CRC = 1         -- bytes, then: one message a pass
+local MOST_WORK = 240      -- of the decoder in one pass, in units of REFUSAL_WORK below
+local MOST_WORK_SHARED = 50 -- the same while a command waits for its answer
+local MOST_CRC = 1         -- bytes while a command waits: one message a pass
 local HEALTH_MS = 3000     -- without a good frame the receiver is lost
-local QUIET_MS = 2000      -- without a good frame the port is knocked at
+local QUIET_MS = 2000      -- without a good frame, write a byte to the port: see below
 local KNOCK_MS = 1000
 local COUNTERS_MS = 1000
 
@@ -28,15 +28,15 @@ local HEAD_BYTES = 7       -- up to the number of channels
 local CHANNEL_BYTES = 6
 local LENGTH_1 = 9         -- of the payload of 1 channel and of 16
 local LENGTH_16 = 99
-local RESTART = 16         -- a number below it where more frames than this would be missing: the receiver has restarted
-local PAUSE_MS = 100       -- the bytes of one frame come without a pause as long as this
+local RESTART = 16         -- a lower number after a gap of more frames than this: the receiver has restarted
+local PAUSE_MS = 100       -- there is no pause of this length inside a frame
 local RING = 127           -- mask; the largest frame has 105 bytes
-local REFUSAL_WORK = 4     -- work: as much as to take a byte, about 20 instructions
+local REFUSAL_WORK = 4     -- in units of the work for one byte, about 20 instructions
 local FRAME_WORK = 12
 local CHANNEL_WORK = 5
 
 local VERSION_2 = 2        -- of messages
-local ANSWER = 17          -- kinds of them
+local ANSWER = 17          -- kinds of messages
 local COMMAND = 16
 local VECTORS = 1
 local LEVELS = 2
@@ -50,30 +50,30 @@ local CODES = {"identify", "mark", "unmark", "select", "restart", "channels", "s
 local RESULTS = {[0] = "done", "refused", "unknown", "busy"}
 
 --[[
-   the decoder of binary frames. A candidate that is refused costs one byte, never those behind it, and so does one
-   that is not whole 100 ms after its own first byte. Times are integers, ms, and may wrap
+   the decoder of binary frames. A refused candidate costs one byte, never those after it; so does a candidate that is
+   incomplete 100 ms after its own first byte. Times are integers, ms, and may wrap
 
-   on_frame(frame) gets each good frame, in one table that is used again for the next: sequence, status, n, time (when
-   its last byte came) and the columns id, zone, marked, d (cm), delta (degrees), of which 1 to n are this frame's
+   on_frame(frame) gets each good frame, in one table that is reused for the next: sequence, status, n, time (of its
+   last byte) and the columns id, zone, marked, d (cm), delta (degrees), of which 1 to n are this frame's
 --]]
 local function Decoder(on_frame)
    local self = {good = 0, bad_crc = 0, dropped = 0, lost = 0}
    local frame = {id = {}, zone = {}, marked = {}, d = {}, delta = {}}
-   local held, came = {}, {}     -- rings: a byte, when it came
-   local first, count = 0, 0     -- of the candidate in them
-   local wait = 1                -- so many bytes are missing before the next check
-   local work = 0                -- that may still be done in this call
+   local held, came = {}, {}     -- rings: bytes, their times
+   local first, count = 0, 0     -- start and length of the candidate in the rings
+   local wait = 1                -- number of bytes missing before the next check
+   local work = 0                -- work left in this call
    local sequence = nil
    for k = 0, RING do
       held[k], came[k] = 0, 0
    end
 
-   -- the byte at an offset from the candidate's first
+   -- the byte at an offset from the candidate's first byte
    local function at(offset)
       return held[first + offset & RING]
    end
 
-   -- the bytes to have before the candidate can be judged, 0 when it is a false one
+   -- the number of bytes needed to judge the candidate; 0 for a false one
    local function needs()
       if at(0) ~= SYNC_0 or (count > 1 and at(1) ~= SYNC_1) or (count > 2 and at(2) ~= VERSION) then
          return 0
@@ -91,7 +91,7 @@ local function Decoder(on_frame)
       return length == 3 + CHANNEL_BYTES * at(6) and length + 6 or 0
    end
 
-   -- CRC-16/MCRF4XX, MAVLink's, of what is between sync and CRC
+   -- CRC-16/MCRF4XX, MAVLink's, of the bytes between sync and CRC
    local function crc(size)
       local register = 0xFFFF
       for k = first + 2, first + size - 3 do
@@ -138,7 +138,7 @@ local function Decoder(on_frame)
       on_frame(frame)
    end
 
-   -- judge what is held until a candidate is not whole; false when that is more than the work allows
+   -- judge the held bytes up to an incomplete candidate; false if that takes more work than is allowed
    local function settle()
       while count >= wait do
          local size = needs()
@@ -229,7 +229,7 @@ local function int32s(body, first, count)
    return values
 end
 
--- printable ASCII without $ * and comma; nil when it is not
+-- printable ASCII without $ * and comma; nil for other text
 local function text_of(body, first)
    local letters = {}
    for k = first, #body do
@@ -242,7 +242,7 @@ local function text_of(body, first)
    return #letters <= MAX_TEXT and table.concat(letters) or nil
 end
 
--- what was measured for a frame: channels of `size` bytes, of which `more` reads what the kinds do not have in common
+-- the measurements for a frame: channels of `size` bytes; `more` reads the values of one kind only
 local function measured(body, size, more)
    local n = body[3]
    if #body ~= 7 + size * n then
@@ -318,9 +318,9 @@ local KINDS = {
 --]]
 local function MessageDecoder(want, on_message)
    local self = {good = 0, bad_crc = 0, dropped = 0, left = math.huge}
-   local held, came = {}, {}     -- rings of 256: a byte, when it came
-   local first, count = 0, 0     -- of the candidate in them
-   local wait = 1                -- so many bytes are missing before the next check
+   local held, came = {}, {}     -- rings of 256: bytes, their times
+   local first, count = 0, 0     -- start and length of the candidate in the rings
+   local wait = 1                -- number of bytes missing before the next check
 
    local function at(offset)
       return held[first + offset & 255]
@@ -343,7 +343,7 @@ local function MessageDecoder(want, on_message)
       first, count, wait = first + bytes & 255, count - bytes, 1
    end
 
-   -- drop a false candidate's first byte, and those behind it that no candidate begins with
+   -- drop a false candidate's first byte, and all bytes after it that begin no candidate
    local function refuse()
       local k = 0
       repeat
@@ -353,7 +353,7 @@ local function MessageDecoder(want, on_message)
       drop(k)
    end
 
-   -- hand on the whole candidate; false when it is a false one
+   -- deliver the complete candidate; false if it is a false one
    local function deliver(size)
       if self.left <= 0 then
          return false
@@ -418,7 +418,7 @@ local function MessageDecoder(want, on_message)
    return self
 end
 
--- the bytes of a command, in a table; nil when a value does not fit
+-- the bytes of a command, in a table; nil if a value does not fit
 local function encode_command(number, code, values)
    local bytes = {COMMAND, number & 255, code & 255}
    if #values > MAX_VALUES then
@@ -454,7 +454,7 @@ end
 local function Commands(port, on_end)
    local self = {}
    local number, tries, sent_ms = 0, 0, 0
-   local raw, asked              -- the command that waits for its answer, and its words
+   local raw, asked              -- the command that waits for its answer, and its text
    local decoder
 
    local function write(now)
@@ -480,7 +480,7 @@ local function Commands(port, on_end)
       end
    end)
 
-   -- the port to read from: while a command waits, one that also feeds each byte to the decoder
+   -- the port to read; while a command waits, a port that also feeds each byte to the decoder of messages
    local shared = {
       read = function()
          local byte = port:read()
@@ -491,7 +491,7 @@ local function Commands(port, on_end)
       end,
    }
 
-   -- and how much work may be done in a pass
+   -- and the work allowed in a pass
    function self.source()
       if raw then
          return shared, MOST_WORK_SHARED
@@ -499,7 +499,7 @@ local function Commands(port, on_end)
       return port, MOST_WORK
    end
 
-   -- send a command; false while another one waits for its answer, or when the values do not fit
+   -- send a command; false while another one waits for its answer, or if the values do not fit
    function self.send(code, values, now)
       if raw then
          return false
@@ -625,7 +625,7 @@ local function start(now, on_frame)
    local frame_ms = now         -- when the last good frame came
    local knock_ms = now
    local counters_ms = now
-   local dropped = 0            -- as counted at the last good frame
+   local dropped = 0            -- the count at the last good frame
    local commands = Commands(port, function(text)
       say(MAV_SEVERITY.INFO, "%s", text:sub(1, 44))
    end)
@@ -656,7 +656,7 @@ local function start(now, on_frame)
       publish(frame)
    end)
 
-   -- that a port on USB was unplugged may be noticed, and the port opened again, only when something is written
+   -- an unplugged USB port may be detected, and opened again, only by a write
    local function knock()
       if now - frame_ms >= QUIET_MS and now - knock_ms >= KNOCK_MS then
          knock_ms = now
@@ -686,7 +686,7 @@ local function start(now, on_frame)
       return commands.send(code, values, now)
    end
 
-   -- a command that was set as a parameter
+   -- a command from the parameter
    local function look_at_parameters()
       local code = math.floor(ARVA_CMD:get())
       if code > 0 then
@@ -718,7 +718,7 @@ if ... then -- required by another script
    }
 end
 
--- arva_search.lua next to this file reads the port itself; two readers would tear the frames
+-- arva_search.lua next to this file reads the port itself; two readers would split the frames
 local function is_read_by_search()
    for folder in package.path:gmatch("([^;]-)modules/%?%.lua") do
       local file = io.open(folder .. "arva_search.lua")

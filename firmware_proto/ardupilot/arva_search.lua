@@ -22,19 +22,19 @@ local NO_ID = 255
 
 local UPDATE_MS = 10          -- of the driver
 local SEARCH_MS = 100
-local SILENT_MS = 2000        -- without a frame: hover
-local DEAF_MS = 60000         -- without a signal: over
+local SILENT_MS = 2000        -- hover after this time without a frame
+local DEAF_MS = 60000         -- end after this time without a signal
 local NO_POSITION_MS = 2000
-local REPEATS_MS = 3000      -- without a frame of another number: over
-local SAME_M = 4             -- flown while the reading stays the same: over
-local NO_RANGE_MS = 2000     -- without the rangefinder that measured in this search: over
-local SURE = 0.3              -- times the least d: within that a place found lies in 95 of 100 searches
-local NEARER = 0.7            -- another transmitter has to be that much nearer to be gone for instead
+local REPEATS_MS = 3000      -- end after this time without a new sequence number
+local SAME_M = 4             -- end after this distance with the same reading
+local NO_RANGE_MS = 2000     -- end after this time without the rangefinder, if it has measured
+local SURE = 0.3              -- share of the least d: the error of 95 of 100 places found is smaller
+local NEARER = 0.7            -- share of the distance at which another transmitter is chosen instead
 local SINK_GAIN = 1.0         -- 1/s
-local CLIMB_GAIN = 2.0        -- 1/s: the steeper the ground, the farther below the height wanted it is followed
+local CLIMB_GAIN = 2.0        -- 1/s: on steeper ground the vehicle is farther below the height wanted
 local CLIMB_SPEED = 1.0       -- m/s
-local STICK = 0.15            -- of full travel: the pilot's hand
-local STICK_MIDDLE = 0.2      -- throttle: LOITER holds its height
+local STICK = 0.15            -- share of full travel: the pilot has moved a stick
+local STICK_MIDDLE = 0.2      -- of the throttle, where LOITER holds the height
 local SWITCH_HIGH = 2
 
 --[[
@@ -42,14 +42,14 @@ local SWITCH_HIGH = 2
 --]]
 
 local Cross
-do -- its constants are its own: ArduPilot takes 100 local variables a script
-   local LOW = 1.3               -- times the least d: where d is low
-   local REACH = 0.7             -- times the least d: how far past that an arm goes
-   local SHORTEST_M = 1.5        -- of such a reach
-   local TOGETHER_MS = 400       -- readings that come within it are one
+do -- a block, because ArduPilot allows 100 local variables a script
+   local LOW = 1.3               -- d is low below this multiple of the least d
+   local REACH = 0.7             -- reach of an arm past that, in multiples of the least d
+   local SHORTEST_M = 1.5        -- shortest reach
+   local TOGETHER_MS = 400       -- average readings within this time
    local MOST_READINGS = 400     -- of an arm
-   local AT_M = 0.5              -- so close to a place is there
-   local SETTLED_M = 0.5         -- a middle that moved less stays
+   local AT_M = 0.5              -- a goal is reached within this distance
+   local SETTLED_M = 0.5         -- a middle that moved less has settled
    local MOST_ARMS = 8
 
    --[[
@@ -59,11 +59,11 @@ do -- its constants are its own: ArduPilot takes 100 local variables a script
    function Cross(centre_n, centre_e, course)
       local self = {settled = false}
       local arms = 0
-      local on_arm, sense                    -- sense: 1 or -1, how the arm goes on
-      local along, power                     -- of the readings, in order: place on the arm; of the field, d^-6
+      local on_arm, sense                    -- sense: 1 or -1, direction along the arm
+      local along, power                     -- readings in order: place on the arm; power of the field, d^-6
       local most, newest                     -- power; index of the last reading
-      local sum_along, sum_power, count      -- of those that are to be one
-      local last_ms                          -- of the last that are one
+      local sum_along, sum_power, count      -- of the readings to average
+      local last_ms                          -- time of the last average
       local complete                         -- the arm has been flown
 
       local function begin(n, e)
@@ -106,7 +106,7 @@ do -- its constants are its own: ArduPilot takes 100 local variables a script
          course = course + math.pi / 2
       end
 
-      -- which way the arm goes on, or that it is done
+      -- continue the arm, or complete it
       local function judge()
          local first_low, last_low, reach = 0, 0, SHORTEST_M
          if most > 0 then
@@ -127,7 +127,7 @@ do -- its constants are its own: ArduPilot takes 100 local variables a script
          complete = (ahead and behind) or #along >= MOST_READINGS
       end
 
-      -- take a reading
+      -- use a reading
       function self.hear(now, n, e, d)
          n, e = n - centre_n, e - centre_e
          on_arm = on_arm or math.sqrt(n * n + e * e) <= AT_M
@@ -170,11 +170,11 @@ end
 local Flux
 do
    local K = 0.8                 -- 1/m; speed * K d / sqrt(1 + (K d)^2)
-   local RISE = 1.08             -- times the least d: it rises
-   local FALL = 0.7              -- times the first d: it has fallen
-   local MOST_TURNS = 3          -- without that d falls
+   local RISE = 1.08             -- d rises above this multiple of its minimum
+   local FALL = 0.7              -- d has fallen below this share of its first value
+   local MOST_TURNS = 3          -- turns without a fall of d
    local SMOOTH_MS = 1000        -- time constant
-   local SILENCE_MS = 3000       -- without a signal: turn back; in vain: turn again after twice the time, and so on
+   local SILENCE_MS = 3000       -- without a signal: turn back, then again after twice the time, and so on
 
    --[[
       along the flux line until d rises after it has fallen, then the cross. A flux line has two ways: d falls along the
@@ -184,10 +184,10 @@ do
       local self = {}
       local course = nil                     -- nil before the first signal
       local smooth = 0                       -- d
-      local first, least = 0, math.huge      -- d when the course was taken, and since; huge: it is yet to be taken
-      local place_n, place_e = 0, 0          -- of the least d
+      local first, least = 0, math.huge      -- d at the choice of the course, and least d since; huge: no course yet
+      local place_n, place_e = 0, 0          -- place of the least d
       local turns = 0
-      local heard_ms = nil                   -- or turned back
+      local heard_ms = nil                   -- time of the last signal, or of the last turn back
       local patience_ms = SILENCE_MS
       local cross = nil
 
@@ -209,7 +209,7 @@ do
          end
       end
 
-      -- whether to go on, to turn round or to begin the cross
+      -- continue, turn round, or begin the cross
       local function decide(n, e, inner)
          if inner then
             cross = Cross(n, e, course)
@@ -224,7 +224,7 @@ do
          end
       end
 
-      -- back to the least d, and beyond: choose the course again there
+      -- turn back to the least d and beyond; choose the course again there
       local function turn_back(now, n, e)
          turns = turns + (least < math.huge and 1 or 0)
          least = math.huge
@@ -232,7 +232,7 @@ do
          heard_ms, patience_ms = now, 2 * patience_ms
       end
 
-      -- take what a frame says: when and where it came, the flux line's bearing there, d, and whether the zone is inner
+      -- use a frame: its time and place, the flux line's bearing, d, and true in the inner zone
       function self.hear(now, n, e, bearing, d, inner)
          if cross then
             smooth = d or smooth
@@ -250,7 +250,7 @@ do
          end
       end
 
-      -- the velocity to fly: north, east, m/s; the slower the nearer
+      -- the velocity to fly: north, east, m/s; slower near the transmitter
       function self.velocity(n, e)
          if not course then
             return 0, 0
@@ -294,11 +294,11 @@ local function Plane()
       nu, eu = nu + share * north * up, eu + share * east * up
    end
 
-   -- from where d is least to the transmitter, north and east
+   -- from the place of the least d to the transmitter, north and east
    function self.to_transmitter()
       local v_n, v_e, c, c_n, c_e = nn - n * n / w, ee - e * e / w, ne - n * e / w, nu - n * u / w, eu - e * u / w
       local det = v_n * v_e - c * c
-      if det <= 1e-3 * v_n * v_e then                -- places in a line make no plane
+      if det <= 1e-3 * v_n * v_e then                -- places on a line define no plane
          return 0, 0
       end
       local rise_n, rise_e = (c_n * v_e - c_e * c) / det, (c_e * v_n - c_n * c) / det
@@ -401,7 +401,7 @@ local function say(severity, ...)
    gcs:send_text(severity, "ARVS: " .. string.format(...))
 end
 
--- the driver lies in the folder of scripts, which require does not search by itself
+-- the driver is in the folder of scripts, which require does not search by itself
 for folder in package.path:gmatch("([^;]-)modules/%?%.lua") do
    package.path = package.path .. ";" .. folder .. "?.lua"
 end
@@ -417,15 +417,15 @@ for _, name in ipairs({"ROLL", "PITCH", "YAW"}) do
 end
 local throttle = rc:get_channel(math.floor(bind_param("RCMAP_THROTTLE"):get()))
 
--- what the vehicle says of itself
+-- the state of the vehicle
 
 -- "roll", "pitch" or "yaw", radians; older versions have the second name
 local function angle(name)
    return (ahrs["get_" .. name .. "_rad"] or ahrs["get_" .. name])(ahrs)
 end
 
--- above the ground, m; nil when the rangefinder does not measure it. The beam of a vehicle that leans into the wind is
--- longer than the height
+-- above the ground, m; nil if the rangefinder does not measure it. The beam of a tilted vehicle is longer than
+-- the height
 local function measured_height()
    if rangefinder and rangefinder:status_orient(ROTATION_PITCH_270) == RANGEFINDER_GOOD then
       local beam = rangefinder.distance_orient and rangefinder:distance_orient(ROTATION_PITCH_270)
@@ -435,7 +435,7 @@ local function measured_height()
    return nil
 end
 
--- above the terrain database, m; nil where it ends
+-- above the terrain database, m; nil outside of it
 local function height_above_terrain()
    return terrain and ARVS_TERRAIN:get() == 1 and terrain:height_above_terrain(false) or nil
 end
@@ -454,7 +454,7 @@ end
 
 local PILOT = "pilot input"
 
--- what speaks against a search, nil when nothing does. rest: where the throttle stick stood at its beginning
+-- the reason against a search, or nil. rest: position of the throttle stick at its start
 local function objection(rest)
    if rc:has_valid_input() then
       for k = 1, #sticks do
@@ -480,7 +480,7 @@ local function name(id)
    return id == NO_ID and "?" or tostring(id)
 end
 
--- degrees and ten-millionths, which do not fit into ArduPilot's numbers together
+-- degrees and ten-millionths, too many digits for one of ArduPilot's numbers
 local function degrees(value)
    return string.format("%s%d.%07d", value < 0 and "-" or "", math.abs(value) // 10000000, math.abs(value) % 10000000)
 end
@@ -495,15 +495,15 @@ local receiver
 local now = millis():toint()
 local state = IDLE
 local flux, plane = nil, nil
-local target, target_d, heard_ms = nil, 0, 0   -- the transmitter gone for, its last distance in m and when
-local sample = nil                             -- of the target, that the strategy has not taken yet
+local target, target_d, heard_ms = nil, 0, 0   -- the chosen transmitter, its last distance in m and its time
+local sample = nil                             -- reading of the target for the strategy's next step
 local begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = 0, 0, 0, 0, 0
 local position_ms, frame_ms = 0, 0
 local sequence = nil                           -- of the last frame
-local same                                     -- the target's last reading and where it was first; over: that is far
-local measured_ms = nil                        -- when the rangefinder last measured in this search
-local assumed_height, assumed_wanted           -- without it: a function, nil where the database ends; m to be held
-local spent = false                            -- the request has had its search
+local same                                     -- the target's last reading and its first place; over: too far away
+local measured_ms = nil                        -- last measurement of the rangefinder in this search
+local assumed_height, assumed_wanted           -- without it: a function, nil outside of the database; height to hold, m
+local spent = false                            -- the request was used for a search
 local wants_loiter, told = false, ""
 
 -- once
@@ -523,7 +523,7 @@ local function steer(v_n, v_e, v_d)
    vehicle:set_target_velaccel_NED(velocity, Vector3f(), true, begin_yaw, false, 0, false)
 end
 
--- where the vehicle is, north, east and down of the EKF's origin, m; nil when that is not known
+-- the vehicle's place, north, east and down of the EKF's origin, m; nil if unknown
 local function position()
    local place = ahrs:get_relative_position_NED_origin()
    if place then
@@ -532,7 +532,7 @@ local function position()
    return nil
 end
 
--- take what a frame says of the transmitter gone for, the nearest but not another at each whim of the noise
+-- use a frame's reading of the chosen transmitter: the nearest, with a margin against noise
 local function on_frame(frame)
    local n, e, down = position()
    if frame.sequence == sequence then
@@ -575,7 +575,7 @@ local function is_asked_for()
    return enable == 1 or (enable == 2 and rc:get_aux_cached(math.floor(ARVS_SWITCH:get())) == SWITCH_HIGH)
 end
 
--- the search is over: hover. for_pilot: who is to have the vehicle
+-- end the search: hover. for_pilot: the pilot gets the vehicle
 local function finish(for_pilot)
    steer(0, 0, 0)
    state, spent, wants_loiter = HOLDING, true, for_pilot
@@ -624,7 +624,7 @@ local function on_found(n, e)
    vehicle:set_target_pos_NED(hover, true, begin_yaw, false, 0, false, false)
 end
 
--- why the search may not go on, nil when it may
+-- the reason to end the search, or nil
 local function limit(n, e)
    if not receiver.healthy then
       return "receiver lost"
@@ -693,7 +693,7 @@ local function fly()
          return
       end
    end
-   -- where the ground rises faster than the vehicle climbs it slows down, and stops at three quarters of the height
+   -- if the ground rises faster than the vehicle climbs, it slows down, and stops at three quarters of the height
    local share = math.max(0, math.min(1, 4 * above / wanted - 3))
    v_n, v_e = share * v_n, share * v_e
    local v_d = math.max(-CLIMB_SPEED, math.min(CLIMB_SPEED, (above < wanted and CLIMB_GAIN or SINK_GAIN) * (above - wanted)))
@@ -745,7 +745,7 @@ end
 
 local search_ms = now
 
--- driver, strategy and steering take turns, so that each has the instructions of a pass for itself
+-- driver, strategy and steering take turns, so that each has all instructions of a pass
 local function update()
    now = millis():toint()
    if now - search_ms >= SEARCH_MS then

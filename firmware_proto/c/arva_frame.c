@@ -58,14 +58,14 @@ static size_t needs(const uint8_t *bytes, size_t size)
     return bytes[3] == LENGTH(bytes[6]) ? BYTES(bytes[6]) : 0;
 }
 
-/* The frames that were lost between two good ones, by their numbers; those of a receiver that restarted begin again. */
+/* The number of frames lost between two good ones, by sequence numbers; none after a restart of the receiver. */
 static uint32_t missing(uint8_t before, uint8_t sequence)
 {
     const uint32_t gap = sequence == before ? 0 : (uint8_t)(sequence - before - 1);
     return sequence < ARVA_RESTART && gap > ARVA_RESTART ? 0 : gap;
 }
 
-/* Count the good frame in `bytes`, whose last byte came at `came_ms`, and hand it on. */
+/* Count the good frame in `bytes`, whose last byte came at `came_ms`, and deliver it. */
 static void deliver(arva_decoder *decoder, const uint8_t *bytes, uint32_t came_ms)
 {
     if (decoder->counting) {
@@ -100,8 +100,8 @@ static void deliver(arva_decoder *decoder, const uint8_t *bytes, uint32_t came_m
     decoder->on_frame(decoder->context, &frame);
 }
 
-/* Deliver and count all in bytes[at...size); where the candidate that is not whole begins, or `size`. `came` has the
- * time of each byte, NULL when all came now. */
+/* Deliver and count all in bytes[at...size). Returns the start of the incomplete candidate, or `size`. `came`: time
+ * of each byte, NULL if all came now. */
 static size_t scan(arva_decoder *decoder, const uint8_t *bytes, const uint8_t *came, size_t at, size_t size)
 {
     while (at < size) {
@@ -126,7 +126,7 @@ static size_t scan(arva_decoder *decoder, const uint8_t *bytes, const uint8_t *c
     return at;
 }
 
-/* Scan what is held, from its byte `at` on, and let go of what is settled. */
+/* Scan the held bytes from `at` on, and release the settled ones. */
 static void settle(arva_decoder *decoder, size_t at)
 {
     at = scan(decoder, decoder->held, decoder->came, at, decoder->count);
@@ -137,8 +137,8 @@ static void settle(arva_decoder *decoder, size_t at)
     }
 }
 
-/* Drop the candidates that are not whole 100 ms after their first byte. What is held was younger than that in the
- * last call, so eight bits of time are enough. */
+/* Drop the candidates that are incomplete 100 ms after their first byte. Held bytes were younger in the last call, so
+ * eight bits of time are enough. */
 static void tell_time(arva_decoder *decoder, uint32_t now_ms)
 {
     const uint32_t passed = now_ms - decoder->now_ms;
@@ -177,7 +177,7 @@ size_t arva_decoder_feed(arva_decoder *decoder, const uint8_t *bytes, size_t siz
         hold(decoder, bytes + at, more);
         at += more;
         settle(decoder, 0);
-        if (decoder->count <= at) { /* all that is held came in this call: go on where it lies */
+        if (decoder->count <= at) { /* all held bytes came in this call: continue there */
             at -= decoder->count;
             decoder->count = 0;
         }

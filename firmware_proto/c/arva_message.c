@@ -64,7 +64,7 @@ static int is_list(size_t size, size_t head, size_t each, size_t least, size_t m
     return size >= head + each * least && size <= head + each * most && (size - head) % each == 0;
 }
 
-/* Whether a body of this kind can have this size. */
+/* Return true if a body of this kind can have this size. */
 static int fits(uint8_t kind, size_t size)
 {
     switch (kind) {
@@ -89,7 +89,7 @@ static int is_text(const uint8_t *text, size_t size)
     return size <= ARVA_MAX_TEXT;
 }
 
-/* Whether a body whose CRC is right makes sense. */
+/* Return true if a body with a correct CRC is valid. */
 static int makes_sense(const arva_message *message)
 {
     const uint8_t *body = message->body;
@@ -138,7 +138,7 @@ static void unmask(uint8_t *bytes, size_t size, uint8_t mask)
     }
 }
 
-/* Deliver the whole candidate of `size` bytes; 0 if it is a false one. */
+/* Deliver the complete candidate of `size` bytes; 0 if it is a false one. */
 static int deliver(arva_message_decoder *decoder, size_t size)
 {
     uint8_t *bytes = decoder->held;
@@ -167,7 +167,7 @@ static void refuse(arva_message_decoder *decoder)
     let_go(decoder, 1);
 }
 
-/* Judge what is held until a candidate is not whole. */
+/* Judge the held bytes up to an incomplete candidate. */
 static void settle(arva_message_decoder *decoder)
 {
     while (decoder->count > 0) {

@@ -1,5 +1,5 @@
 /* Messages of version 2 of an ARVA receiver (457 kHz), beside the frames of arva_frame.h: commands of a host, their
- * answers, and what the antennas measured. Layout and meaning: ../PROTOCOL.md.
+ * answers, and measurements of the antennas. Layout and meaning: ../PROTOCOL.md.
  *
  *     static void on_message(void *context, const arva_message *message)
  *     {
@@ -7,7 +7,7 @@
  *         if (arva_answer_get(message, &answer) && arva_command_answered(&request, &answer)) { ... }
  *     }
  *
- *     arva_message_decoder decoder;                       fed with the same bytes as an arva_decoder, if both are wanted
+ *     arva_message_decoder decoder;                       fed with the same bytes as an arva_decoder, if both are needed
  *     arva_message_decoder_init(&decoder, ARVA_WANT_ANSWERS, on_message, NULL);
  *     arva_message_decoder_feed(&decoder, bytes, size, now_ms);
  *
@@ -30,7 +30,7 @@ extern "C" {
 #define ARVA_MAX_TEXT 32
 #define ARVA_MAX_COMMAND_BYTES (10 + 4 * ARVA_MAX_VALUES)
 #define ARVA_MAX_ANSWER_BYTES (12 + 4 * ARVA_MAX_VALUES + ARVA_MAX_TEXT)
-#define ARVA_ANSWER_MS 1000u /* how long a host waits before it sends a command again */
+#define ARVA_ANSWER_MS 1000u /* a host sends a command again after this time */
 #define ARVA_NO_CARRIER INT16_MIN
 #define ARVA_NO_LEVEL INT16_MIN
 #define ARVA_NO_AGE UINT16_MAX
@@ -42,7 +42,7 @@ enum { ARVA_DO_IDENTIFY = 1, ARVA_DO_MARK, ARVA_DO_UNMARK, ARVA_DO_SELECT }; /* 
 enum { ARVA_DO_RESTART = 5, ARVA_DO_CHANNELS, ARVA_DO_SCAN, ARVA_DO_SEARCH };
 enum { ARVA_DONE = 0, ARVA_REFUSED, ARVA_UNKNOWN, ARVA_BUSY }; /* results */
 
-/* A good message, without its mask: `body` has `size` bytes and lives until on_message returns. */
+/* A good message, without its mask: `body` has `size` bytes and is valid until on_message returns. */
 typedef struct {
     uint8_t kind;
     uint8_t size;
@@ -76,7 +76,7 @@ typedef struct {
     uint16_t age_ms;      /* from the end of the pulse to time_ms, or ARVA_NO_AGE if there was none */
 } arva_pulse;
 
-/* What was measured for the frame of the same number, which comes right behind it. */
+/* The measurements for the frame of the same number, which follows directly. */
 typedef struct {
     uint8_t sequence;
     uint8_t status;
@@ -84,30 +84,30 @@ typedef struct {
     uint32_t time_ms; /* the receiver's clock, which wraps */
 } arva_measured;
 
-/* Takes a good message. It must not feed the same decoder. */
+/* Gets a good message. It must not feed the same decoder. */
 typedef void (*arva_on_message)(void *context, const arva_message *message);
 
 typedef struct {
-    uint32_t good;    /* messages delivered. This and the next two are for reading, and wrap */
+    uint32_t good;    /* messages delivered. This and the next two may be read, and wrap */
     uint32_t bad_crc; /* candidates whose CRC failed */
-    uint32_t dropped; /* bytes in no message that is wanted, those of frames too */
+    uint32_t dropped; /* bytes in no wanted message, also those of frames */
     /* private from here on */
     arva_on_message on_message;
     void *context;
     uint32_t now_ms;                      /* of the last call */
-    uint8_t held[ARVA_MAX_MESSAGE_BYTES]; /* the candidate that is not whole yet, and what came behind it */
-    uint8_t came[ARVA_MAX_MESSAGE_BYTES]; /* when each byte did: ms, the low eight bits */
-    uint8_t count;                        /* of bytes held */
+    uint8_t held[ARVA_MAX_MESSAGE_BYTES]; /* the incomplete candidate, and the bytes after it */
+    uint8_t came[ARVA_MAX_MESSAGE_BYTES]; /* arrival of each byte: ms, the low eight bits */
+    uint8_t count;                        /* number of bytes held */
     uint8_t want;
 } arva_message_decoder;
 
 /* `want`: ARVA_WANT_..., added up; other kinds are dropped bytes. `on_message` may be NULL: then they are counted. */
 void arva_message_decoder_init(arva_message_decoder *decoder, uint8_t want, arva_on_message on_message, void *context);
 
-/* As arva_decoder_feed: returns how many messages were delivered. */
+/* Like arva_decoder_feed. Returns the number of messages delivered. */
 size_t arva_message_decoder_feed(arva_message_decoder *decoder, const uint8_t *bytes, size_t size, uint32_t now_ms);
 
-/* What is in a message; 0 if it is of another kind. */
+/* Read the content of a message; 0 if it is of another kind. */
 int arva_command_get(const arva_message *message, arva_command *command);
 int arva_answer_get(const arva_message *message, arva_answer *answer);
 int arva_measured_get(const arva_message *message, arva_measured *measured);
@@ -119,21 +119,21 @@ int arva_pulse_get(const arva_message *message, size_t k, arva_pulse *pulse);
 size_t arva_command_encode(const arva_command *command, uint8_t *out, size_t capacity);
 size_t arva_answer_encode(const arva_answer *answer, uint8_t *out, size_t capacity);
 
-/* A host's request, one at a time. All zeros is a good beginning. */
+/* A host's request, one at a time. All zeros is a valid start. */
 typedef struct {
     arva_command command; /* the last one sent */
     uint32_t sent_ms;
     uint8_t waiting; /* for its answer */
 } arva_request;
 
-/* Begin a request: write the command with the next number to `out`. Returns its size, or 0 as arva_command_encode. */
+/* Begin a request: write the command with the next number to `out`. Returns its size, or 0 like arva_command_encode. */
 size_t arva_command_send(arva_request *request, uint8_t code, const int32_t *values, uint8_t count, uint32_t now_ms,
                          uint8_t *out, size_t capacity);
 
 /* Write the command again if its answer is late by ARVA_ANSWER_MS; 0 if it need not be sent. Not for ARVA_DO_RESTART. */
 size_t arva_command_again(arva_request *request, uint32_t now_ms, uint8_t *out, size_t capacity);
 
-/* Whether this is the answer that the request waits for; it waits no more then. */
+/* Return true if this is the answer to the request, which then ends. */
 int arva_command_answered(arva_request *request, const arva_answer *answer);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Prints what a receiver says: cc -std=c99 example_main.c arva_frame.c -o example && ./example /dev/ttyUSB0 */
+/* Prints the readings of a receiver: cc -std=c99 example_main.c arva_frame.c -o example && ./example /dev/ttyUSB0 */
 #define _DEFAULT_SOURCE
 #include "arva_frame.h"
 #include <fcntl.h>

@@ -1,7 +1,7 @@
 /* Reads frames on USART1 of an STM32F405 and answers each with d and delta on USART2. How to build it: ../README.md.
  *
- * An answer is one line, "sequence id:d:delta ...", centimetres and degrees, one group for each channel that hears a
- * transmitter. "lost" is said once when no good frame has come for two seconds.
+ * An answer is one line, "sequence id:d:delta ...", centimetres and degrees, one group for each channel with a
+ * signal. "lost" is sent once after two seconds without a good frame.
  */
 #include "../arva_frame.h"
 
@@ -129,7 +129,7 @@ int main(void)
     }
 }
 
-/* What an STM32F405 starts with: its stack, and where to go. */
+/* The first words of an STM32F405: its stack and its entry points. */
 
 void on_reset(void);
 extern uint32_t stack_top, data_at, data_start, data_end, bss_start, bss_end;

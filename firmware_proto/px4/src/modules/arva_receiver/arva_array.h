@@ -7,7 +7,7 @@
 #define ARVA_ARRAY_NAME "arva"
 #define ARVA_ARRAY_ID 457
 #define ARVA_ARRAY_SIZE 58
-#define ARVA_ARRAY_CHANNELS 13 /* that fit; those of a frame beyond them are left out */
+#define ARVA_ARRAY_CHANNELS 13 /* further channels of a frame are left out */
 
 enum { ARVA_ARRAY_D, ARVA_ARRAY_DELTA, ARVA_ARRAY_ID_OF, ARVA_ARRAY_ZONE, ARVA_ARRAY_STRIDE }; /* of channel k: + 4 k */
 enum {

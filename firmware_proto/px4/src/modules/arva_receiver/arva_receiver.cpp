@@ -37,7 +37,7 @@ ArvaReceiver::ArvaReceiver(const char *port, uint32_t baudrate) :
 
 void ArvaReceiver::start()
 {
-	_arva_reading_pub.advertise(); // the logger searches for new topics only now and then
+	_arva_reading_pub.advertise(); // early, because the logger searches for new topics rarely
 	_arva_answer_pub.advertise();
 	_arva_pulses_pub.advertise();
 	_debug_array_pub.advertise();
@@ -83,12 +83,12 @@ bool ArvaReceiver::open_port()
 
 	_next_open = now + REOPEN;
 
-	if (!_serial.setPort(_port)) { // not there
+	if (!_serial.setPort(_port)) { // no such port
 		return false;
 	}
 
 	if (!_serial.open()) {
-		_serial.close(); // what an open that failed half-way holds
+		_serial.close(); // after an open that failed half-way
 		return false;
 	}
 
@@ -98,7 +98,7 @@ bool ArvaReceiver::open_port()
 	return true;
 }
 
-/* A port that was unplugged gives an error, or is silent and only works again when it has been opened again. */
+/* An unplugged port gives an error, or is silent until it is opened again. */
 size_t ArvaReceiver::read_port()
 {
 	errno = 0;
@@ -198,7 +198,7 @@ bool ArvaReceiver::send(uint8_t code, const int32_t *values, uint8_t count)
 	return _out_count > 0;
 }
 
-/* Write the command that waits for its answer, again when that is late; give up at last. */
+/* Write the waiting command, and repeat it if its answer is late, at most TRIES times. */
 void ArvaReceiver::write_command(uint32_t now_ms)
 {
 	if (!_request.waiting) {

@@ -36,7 +36,7 @@ private:
 	static constexpr hrt_abstime INTERVAL = 10_ms;
 	static constexpr hrt_abstime SILENCE = 2_s;  // without bytes: open the port again; without a frame: receiver lost
 	static constexpr hrt_abstime REOPEN = 500_ms;
-	static constexpr size_t MOST_BYTES = 256;    // taken in one interval: what comes in it at 230400 baud
+	static constexpr size_t MOST_BYTES = 256;    // read in one interval: those of 230400 baud
 	static constexpr size_t PORT_LENGTH = 32;    // of device::Serial
 	static constexpr uint8_t TRIES = 3;          // of a command
 
@@ -62,7 +62,7 @@ private:
 	void end_command(const arva_answer &answer);
 	uint32_t age_ms(hrt_abstime now) const;      // of the last good frame; before the first, the time since the start
 
-	// Run() is the work queue's, print_status() the shell's: what both use is locked
+	// Run() is called by the work queue, print_status() by the shell: a lock protects their common data
 	pthread_mutex_t _mutex = PTHREAD_MUTEX_INITIALIZER;
 
 	char _port[PORT_LENGTH] {};
@@ -80,9 +80,9 @@ private:
 
 	const hrt_abstime _started{hrt_absolute_time()};
 	hrt_abstime _next_open{0};
-	hrt_abstime _byte_time{0};           // when the last byte came, or the port was opened
-	bool _lost{false};                   // and said so
-	uint32_t _dropped{0};                // bytes, as counted at the last good frame
+	hrt_abstime _byte_time{0};           // time of the last byte, or of the opening of the port
+	bool _lost{false};                   // and reported
+	uint32_t _dropped{0};                // count of bytes at the last good frame
 
 	uORB::Publication<arva_reading_s> _arva_reading_pub{ORB_ID(arva_reading)};
 	uORB::Publication<arva_answer_s> _arva_answer_pub{ORB_ID(arva_answer)};
