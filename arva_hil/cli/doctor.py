@@ -209,7 +209,7 @@ class Doctor:
         each = min(_TRY_S, self.options.listen)
         tell(f"trying other baud rates, {each:g} s each")
         for baud in rates[1:]:
-            with suppress(LinkError):  # a rate that this adapter does not know
+            with suppress(LinkError):  # this adapter does not support the rate
                 with closing(open_link(self.autopilot._replace(baud=baud), clock=self.clock)) as link:
                     probe = AutopilotProbe(link, self._session(), self.clock.now())
                     over = lambda probe=probe: self.stopped() or probe.over or probe.known > 0  # noqa: E731

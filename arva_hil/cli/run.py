@@ -89,7 +89,7 @@ def _opened(
 
 
 def _allow_files() -> None:
-    """Let this process open as many files as the system allows: a fleet with a record has more than the usual 1024."""
+    """Let this process open as many files as the system allows: a recorded fleet needs more than the usual 1024."""
     with suppress(ImportError, OSError, ValueError):
         import resource  # Windows has none, and no such limit
 

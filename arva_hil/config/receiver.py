@@ -142,7 +142,7 @@ class ReceiverOptions(Table):
         return read_options(valid_value(cls, mapping, "model"), mapping)
 
     def file_keys(self) -> dict[str, Any]:
-        """Return the keys that a file writes otherwise than Python."""
+        """Return the keys with another form in files than in Python."""
         return {} if self.options is None else asdict(self.options)
 
     @classmethod

@@ -94,7 +94,7 @@ class Scenario(Table):
             object.__setattr__(self, "output_format", output.format)
 
     def file_keys(self) -> dict[str, Any]:
-        """Return the keys that a file writes otherwise than Python."""
+        """Return the keys with another form in files than in Python."""
         return {"output": {"format": self.output_format}}
 
     @classmethod

@@ -136,7 +136,7 @@ _WAYPOINTS: Final = ListOf(_WAYPOINT, 1, 10_000, "waypoints", unit="s, m, m, m")
 class Path(Table, required="frame points"):
     """Timed waypoints with straight lines between them.
 
-    `points_ned`: (s, north, east, down in metres from the datum) each. The times count from the start of the run, and
+    `points_ned`: each (s, north, east, down in metres from the datum). The times count from the start of the run, and
     increase. `end`: after the last point the transmitter stays there, or starts again at the first.
 
     A file has `frame` and `points` instead. Raises ValueError without points, or if the times do not increase.
@@ -157,7 +157,7 @@ class Path(Table, required="frame points"):
             raise ValueError("a path has at least one point")
 
     def file_keys(self) -> dict[str, Any]:
-        """Return the keys that a file writes otherwise than Python."""
+        """Return the keys with another form in files than in Python."""
         return {"frame": "ned", "points": [list(point) for point in self.points_ned]}
 
     @classmethod

@@ -48,7 +48,7 @@ class NavigationError(Table):
             object.__setattr__(self, "walk_tau_s", walk.tau_s)
 
     def file_keys(self) -> dict[str, Any]:
-        """Return the keys that a file writes otherwise than Python."""
+        """Return the keys with another form in files than in Python."""
         return {"walk": {"sigma_m": self.walk_sigma_m, "tau_s": self.walk_tau_s}}
 
 

@@ -142,7 +142,7 @@ class Drone:
         return self._distance((north, east))
 
     def relative_error(self, now: float) -> float | None:
-        """Return the error of the vector from the vehicle to the place that it lands on; None: no place yet."""
+        """Return the error of the vector from the vehicle to its landing place; None: no place yet."""
         if self.search.origin is None or self.mission is None or self.mission.found is None:
             return None
         true, goal, told = self.vehicle.truth(now).lla, self.mission.found.goal, self.mission.progress.position
@@ -181,15 +181,17 @@ class Drone:
 class ClosedLoop:
     """Remembers the drones of one field and their emulator; `tasks` are for the loop.
 
-    A scenario without vehicles has one drone. The vehicles of a scenario are a team, each with one receiver: they
-    stand in a row from west to east, 5 m apart, and divide the plan's area, which is around the middle of the row, in
-    that order; neighbours fly at different heights. Receivers are at the true pose of their vehicle; searches use the
-    reported pose.
+    A scenario without vehicles has one drone. The vehicles of a scenario are a team, each with one receiver. They stand
+    in a row from west to east, 5 m apart, and divide the plan's area in that order; its origin is the middle of the
+    row. Neighbours fly at different heights. Receivers are at the true pose of their vehicle; searches use the reported
+    pose.
 
-    `stream_hz`: of the pose, on both links. `start`: s. `sensors`: of the vehicles, besides their GPS. `wind`: NED,
-    m/s. `tell_packets`: the observers get all packets, for a record. `emit` gets the events of each search,
-    with its vehicle's name; by default the observers get them. `log` gets the steps of each search. `wires`: of each
-    drone; by default in memory.
+    - `stream_hz`: of the pose, on both links. `start`: s.
+    - `sensors`: of the vehicles, besides their GPS. `wind`: NED, m/s.
+    - `tell_packets`: the observers get all packets, for a record.
+    - `emit`: gets the events of each search, with its vehicle's name; by default the observers get them.
+    - `log`: gets the steps of each search.
+    - `wires`: of each drone; by default in memory.
     """
 
     def __init__(

@@ -68,7 +68,7 @@ def resample(data: bytes, ratio: float) -> bytes:
     for byte in data:
         line += [0, *((byte >> bit) & 1 for bit in range(8)), 1]
 
-    def level(time: float) -> int:  # in bits of the host's; the first edge may be at 1 / ratio
+    def level(time: float) -> int:  # in the host's bits; the first edge may be at 1 / ratio
         at = int(time * ratio)
         return line[at] if at < len(line) else 1
 
@@ -98,7 +98,7 @@ BAUD_RATIO: Final = FaultKind(
 
 
 class QueuedFrame(NamedTuple):
-    """A frame for the port, or its bytes after faults. `whole`: whether the whole frame is in them."""
+    """A frame for the port, or its bytes after faults. `whole`: they contain the complete frame."""
 
     frame: Frame
     boot_ms: int
@@ -114,7 +114,7 @@ class Sending:
     may_wait: bool
     copies: int = 1
     late_s: float = 0.0
-    overtaken: bool = False  # by the next frame
+    overtaken: bool = False  # the next frame is sent first
 
 
 class Outbox:

@@ -12,7 +12,7 @@ from arva_hil.model.field.arrays import Array
 
 NoiseKind = Literal["uniform", "gaussian", "off"]
 
-_AHEAD: Final = 256  # drawn at a time
+_AHEAD: Final = 256  # values drawn at a time
 
 
 def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
@@ -40,7 +40,7 @@ def noise_of(u: Array, kind: NoiseKind, bound: float) -> Array:
         magnitude = np.array([min(1.0, -inverse(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
     size = bound * magnitude
     across = np.sqrt(1 - z * z) * size
-    half = np.tan(np.pi * u[1])  # of half the azimuth: much faster than its cosine and sine
+    half = np.tan(np.pi * u[1])  # tangent of half the azimuth: much faster than cosine and sine
     more = 2 * across / (1 + half * half)  # across · (1 + cosine)
     w = np.empty(u.shape)
     np.subtract(more, across, out=w[0])
@@ -50,9 +50,9 @@ def noise_of(u: Array, kind: NoiseKind, bound: float) -> Array:
 
 
 class NoiseSource:
-    """Draws noise of one kind, up to a bound, from a seed. Remembers its random generator, and noise drawn in advance.
+    """A source of noise of one kind, up to a bound, from a seed. Remembers its generator, and noise drawn in advance.
 
-    Many draws at once need hardly more time than one, and give the same numbers.
+    Many draws at once take hardly more time than one, and give the same numbers.
     """
 
     def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:

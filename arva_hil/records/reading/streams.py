@@ -20,7 +20,7 @@ from arva_hil.records.reading.recording import Recording
 from arva_hil.records.reading.values import mapping, text
 from arva_hil.records.writing.layout import TLOG
 
-_MOST: Final = 1_000_000  # pairs of message and second
+_MOST: Final = 1_000_000  # largest number of pairs of message and second
 _LONGEST_S: Final = 1_000_000
 
 
@@ -50,7 +50,7 @@ def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
     path = recording.folder / Path(text(said.get("tlog")) or TLOG).name
     if not path.exists():
         return []
-    counts: Counter[tuple[int, int]] = Counter()  # of message and second
+    counts: Counter[tuple[int, int]] = Counter()  # by message id and second
     try:
         with closing(TlogReader(path)) as log:
             start_us = None if recording.log_start_s is None else recording.log_start_s * 1e6

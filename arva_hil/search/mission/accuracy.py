@@ -1,4 +1,4 @@
-"""The accuracy of the autopilot's position on Earth: what it reports, and a floor for a slow drift that it cannot know.
+"""The accuracy of the autopilot's position on Earth: its report, and a floor for a slow drift that it cannot detect.
 
 Messages, https://mavlink.io/en/messages/common.html: GPS_RAW_INT.h_acc and eph, ESTIMATOR_STATUS.pos_horiz_accuracy.
 """
@@ -21,8 +21,8 @@ _FLOORS_M: Final = {  # with corrections: SBAS 2.0 m CEP (the same), RTK fixed 1
     dialect.GPS_FIX_TYPE_RTK_FLOAT: 0.5,
     dialect.GPS_FIX_TYPE_RTK_FIXED: 0.01,
 }
-_RECENT: Final = 0.07  # of the error, which changes while the drone is near a place: too slow for a fit to tell
-_UNKNOWN: Final = 0xFFFF  # of eph
+_RECENT: Final = 0.07  # share of the error that changes near a place, too slowly for a fit
+_UNKNOWN: Final = 0xFFFF  # unknown eph
 
 
 class Accuracy(NamedTuple):
@@ -78,7 +78,7 @@ class PositionAccuracy:
 
 
 def _by_gps(message: Any) -> Accuracy:
-    """Return the accuracy of the GPS. 0 is not known; the floor grows with the dilution of precision."""
+    """Return the accuracy of the GPS. 0 is unknown; the floor grows with the dilution of precision."""
     reported = message.h_acc > 0
     floor = _FLOORS_M.get(message.fix_type, _FLOOR_M) if reported else _FLOOR_M
     dilution = message.eph / 100 if 0 < message.eph < _UNKNOWN else 1.0

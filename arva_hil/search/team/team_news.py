@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-MOST_HEARD: Final = 7  # transmitters that one hands over
+MOST_HEARD: Final = 7  # transmitters in one message
 
 
 class HeardAt(NamedTuple):
@@ -47,5 +47,5 @@ class News:
 
     @property
     def ended(self) -> bool:
-        """True if it searches no more: its vehicle lands, has landed, or is under another's control."""
+        """True if its search has ended: its vehicle lands, has landed, or is under another's control."""
         return self.part is None and self.hunting is None and not self.free
