@@ -24,7 +24,7 @@ DATA = TESTS / "data"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the program; else the workers' threads wait for each other
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each worker and each program compiles everything again
 sys.dont_write_bytecode = False
-settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.register_profile("thorough", deadline=None, max_examples=500)  # --hypothesis-profile=thorough
 settings.load_profile("repeatable")
 gc.disable()  # until all tests are collected: nearly half of the time that takes

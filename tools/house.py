@@ -10,6 +10,7 @@ in another file than the one before. Statements are counted with `ast`, without 
 from __future__ import annotations
 
 import ast
+import functools
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -143,6 +144,7 @@ def frame_to_set_point() -> Way:
     return min(ways, key=lambda way: len(way.calls))
 
 
+@functools.cache
 def modules(folder: str) -> dict[str, ast.Module]:
     """Parse every module below a folder. Returns them by their dotted names, a package by its own name."""
     return {

@@ -242,7 +242,6 @@ def test_a_damaged_database_is_said_and_left_as_it_is(tmp_path: Path, data: byte
     assert (tmp_path / NAME).read_bytes() == data
 
 
-@settings(max_examples=40)
 @given(st.integers(0, len(WHOLE) - 1), st.integers(1, 255))
 def test_whatever_byte_is_wrong_there_are_rows_or_a_clear_error(at: int, flip: int) -> None:
     data = bytearray(WHOLE)

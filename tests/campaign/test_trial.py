@@ -49,10 +49,8 @@ def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> Non
 
 
 def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_last(tmp_path: Path) -> None:
-    (tmp_path / "two.yaml").write_text(
-        "spec: 2\ntransmitters: [{id: 1, ned: [12, -9, 0]}, {id: 2, ned: [-9, 14, 0]}]\n"
-    )
-    plan = "strategies: flux\nscenarios: two.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-20, -20, 20, 20]\n"
+    (tmp_path / "two.yaml").write_text("spec: 2\ntransmitters: [{id: 1, ned: [8, -6, 0]}, {id: 2, ned: [-6, 9, 0]}]\n")
+    plan = "strategies: flux\nscenarios: two.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-12, -12, 12, 12]\n"
     (planned,) = trials(parse_plan(plan, str(tmp_path / "plan.yaml")))
     one = row(planned, fly(planned.trial))
     assert (one.outcome, one.drones, one.hover_m) == ("found", 2, None)

@@ -523,7 +523,7 @@ def scenario_or_error(text: str) -> None:
 
 
 @given(st.text() | yaml_like)
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=60)
 @example("%YAML 1." + "9" * 5000 + "\n---\na")
 @example('"\\U00110000"')
 @example("&a [*a]")
@@ -532,6 +532,6 @@ def test_any_text_is_a_scenario_or_a_scenario_error(text: str) -> None:
 
 
 @given(st.integers(0, len(DEFAULT_TEXT)), st.integers(0, 20), yaml_like)
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=40)
 def test_so_is_the_default_with_any_piece_replaced(at: int, cut: int, piece: str) -> None:
     scenario_or_error(DEFAULT_TEXT[:at] + piece + DEFAULT_TEXT[at + cut :])

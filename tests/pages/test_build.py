@@ -77,6 +77,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return once(tmp_path_factory, "pages", build)
 
 
+@pytest.fixture(scope="module")
+def pages(built: Path) -> dict[Path, Page]:
+    return {path: Page(path) for path in (built / "html").rglob("*.html")}
+
+
 def build(folder: Path) -> None:
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
@@ -89,9 +94,8 @@ def build(folder: Path) -> None:
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
 
 
-def test_the_pages_build_without_a_warning_and_lead_where_they_say(built: Path) -> None:
+def test_the_pages_build_without_a_warning_and_lead_where_they_say(built: Path, pages: dict[Path, Page]) -> None:
     html = built / "html"
-    pages = {path: Page(path) for path in html.rglob("*.html")}
     assert len(pages) > 25
     broken, remote = [], []
     for path, page in pages.items():
@@ -113,18 +117,17 @@ def test_the_pages_build_without_a_warning_and_lead_where_they_say(built: Path) 
 UNREAD = re.compile(r":::|\{[a-z:]+\}|\[!\w+\]|^\s*>\s|\]\(|eval-rst|(?<!`)``(?!`)", re.MULTILINE)
 
 
-def test_no_page_shows_markup_and_each_has_one_title(built: Path) -> None:
-    pages = {path: Page(path) for path in (built / "html").rglob("*.html") if path.stem != "search"}
+def test_no_page_shows_markup_and_each_has_one_title(pages: dict[Path, Page]) -> None:
+    pages = {path: page for path, page in pages.items() if path.stem != "search"}
     shown = [(path.name, text) for path, page in pages.items() for text in page.texts if UNREAD.search(text)]
     assert shown == []
     assert [path.name for path, page in pages.items() if page.titles != 1] == []
 
 
-def test_warnings_are_boxes(built: Path) -> None:
+def test_warnings_are_boxes(built: Path, pages: dict[Path, Page]) -> None:
     sources = {path: path.read_text(encoding="utf-8").count("> [!") for path in (ROOT / "docs").rglob("*.md")}
-    boxes = {
-        path: Page(built / "html" / path.relative_to(ROOT / "docs").with_suffix(".html")).boxes for path in sources
-    }
+    html = built / "html"
+    boxes = {path: pages[html / path.relative_to(ROOT / "docs").with_suffix(".html")].boxes for path in sources}
     assert sum(sources.values()) >= 6
     assert {path.name: boxes[path] for path, count in sources.items() if boxes[path] < count} == {}
 

@@ -45,6 +45,8 @@ NOT_RUN = {  # what a line begins with → why it is not run here
     r"arm-none-eabi-gcc|qemu-system-arm": "tests/firmware_proto/test_stm32.py runs it where they are installed",
     r"arva-hil (record|decode|fit|compare) ": "needs a flight: tests/cli/test_procedure.py does what the page does",
     r"arva-hil (vehicle --link pty:|--autopilot /tmp/vehicle-1)": "ends with that flight",
+    r"arva-hil range-test$": "walks for seconds: tests/cli/test_range_test.py walks a little",
+    r"arva-hil demo --scenario builtin:four_transmitters --victims 2": "tests/cli/test_demo.py finds two that are near",
     r"arva-hil demo( --foxglove)?$": "flies for half a minute; tests/cli/test_demo.py and test_foxglove.py fly faster",
     r"arva-hil (vehicle --count 8|(run|search) --scenario builtin:eight)": "tests/cli/test_search_team.py flies two",
     r"arva-hil demo (--count 4|--scenario builtin:eight_drones)$": "tests/cli/test_demo_fleet.py flies it, faster",

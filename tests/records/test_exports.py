@@ -249,7 +249,7 @@ def one_wide_frame(folder: Path, count: int) -> Path:
 @pytest.mark.parametrize("name", ["csv", "geojson", "gpx", "kml"])
 def test_memory_follows_the_file_and_slots_that_are_not_there_cost_nothing(tmp_path: Path, name: str) -> None:
     exported(name, load(one_wide_frame(tmp_path / "small", 10)))  # whatever is imported and cached once
-    folder = one_wide_frame(tmp_path / "flight", 4000)
+    folder = one_wide_frame(tmp_path / "flight", 1500)
     with open(os.devnull, "wb") as nowhere:
         tracemalloc.start()
         EXPORTS[name](load(folder), nowhere)

@@ -19,9 +19,8 @@ def test_no_find_is_false(strategy: str, seed: int) -> None:
     assert flown(strategy, seed, most=3).kind != "false"
 
 
-@pytest.mark.parametrize("seed", [69, 165])
-def test_a_dead_antenna_is_noticed_and_the_transmitter_found(seed: int) -> None:
-    one = flown("estimate", seed, most=3)
+def test_a_dead_antenna_is_noticed_and_the_transmitter_found() -> None:
+    one = flown("estimate", 69, most=3)
     assert "antenna_y=0" in one.faults
     assert one.kind == "found"
     assert one.error_m is not None

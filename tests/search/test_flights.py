@@ -106,9 +106,8 @@ def test_without_a_rangefinder_the_barometer_keeps_it_up() -> None:
     assert "estimate" in flight.height_sources
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_with_gps_alone_it_flies_higher(seed: int) -> None:
-    flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=0, limit_s=45.0)
+def test_with_gps_alone_it_flies_higher() -> None:
+    flight = Flight("estimate", gps_noise_m=1.5, seed=0, sensors=0, limit_s=45.0)
     assert flight.lowest > 1.5
     assert flight.height_sources == ["GPS"]
     assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
@@ -158,7 +157,7 @@ def test_a_mount_that_nobody_told_of_is_an_error_of_the_place() -> None:
 
 
 def test_mounted_aside_with_late_readings_and_a_position_that_wanders_no_find_is_false() -> None:
-    flight = Flight("estimate", MOUNTED, "faults: [{delay_s: 1}]", mount=mount(), gps_noise_m=1.0, limit_s=300.0)
+    flight = Flight("estimate", MOUNTED, "faults: [{delay_s: 1}]", mount=mount(), gps_noise_m=1.0, limit_s=120.0)
     if flight.outcome.kind == "found":
         assert flight.off is not None
         assert flight.off < 3.0
@@ -170,7 +169,7 @@ def test_mounted_aside_with_late_readings_and_a_position_that_wanders_no_find_is
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("fault", ["{stuck: true, from_s: 25}", "{delay_s: 5}"])
 def test_what_is_found_lies_there_or_is_not_called_found(strategy: str, fault: str) -> None:
-    flight = Flight(strategy, f"faults: [{fault}]", limit_s=150.0)
+    flight = Flight(strategy, f"faults: [{fault}]", limit_s=100.0)
     assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
     if flight.outcome.kind == "found":
         assert flight.off is not None

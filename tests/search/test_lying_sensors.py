@@ -9,9 +9,15 @@ from tools import lying_sensors as tool
 from tools.lying_sensors import BAROMETER, Flight, Lie
 
 
-@pytest.mark.parametrize("from_s", [0.0, 15.0])
 @pytest.mark.parametrize(
-    ("kind", "size"), [("offset", 5.0), ("offset", 2.0), ("affine", 0.0), ("factor", 2.0), ("limit", 0.0)]
+    ("kind", "size", "from_s"),
+    [
+        *(("offset", 5.0, from_s) for from_s in (0.0, 15.0)),
+        *(("limit", 0.0, from_s) for from_s in (0.0, 15.0)),
+        ("offset", 2.0, 15.0),
+        ("affine", 0.0, 0.0),
+        ("factor", 2.0, 15.0),
+    ],
 )
 def test_a_rangefinder_that_reads_too_high_lands_nothing(kind: str, size: float, from_s: float) -> None:
     report = Flight(Lie("rangefinder", kind, size, from_s), limit_s=30.0).report()
@@ -20,7 +26,7 @@ def test_a_rangefinder_that_reads_too_high_lands_nothing(kind: str, size: float,
     assert kind == "limit" or [e.sensor for e in report.disagreements] == ["rangefinder"]
 
 
-@pytest.mark.parametrize("metres", [5.0, 7.0, 9.0])
+@pytest.mark.parametrize("metres", [5.0, 9.0])
 def test_the_height_reference_moves_with_an_altitude_that_jumps(metres: float) -> None:
     report = Flight(Lie("altitude", "reset", metres, 15.0), sensors=BAROMETER, limit_s=30.0).report()
     assert not report.fault

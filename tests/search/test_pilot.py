@@ -57,8 +57,15 @@ def modes_said(world: World) -> list[tuple[float, int]]:
 
 
 @BOTH
-@pytest.mark.parametrize("lost_from", [math.inf, 2.0, 0.0])
-@pytest.mark.parametrize(("seconds", "switch"), [(14.0, 13.0), (14.0, 0.5), (3.0, 2.9), (1.2, 0.1)])
+@pytest.mark.parametrize(
+    ("seconds", "switch", "lost_from"),
+    [
+        *((14.0, 13.0, lost_from) for lost_from in (math.inf, 2.0)),
+        *((14.0, 0.5, lost_from) for lost_from in (2.0, 0.0)),
+        *((3.0, 2.9, lost_from) for lost_from in (math.inf, 0.0)),
+        *((1.2, 0.1, lost_from) for lost_from in (math.inf, 0.0)),
+    ],
+)
 def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
     make: Callable[[], Any], seconds: float, switch: float, lost_from: float
 ) -> None:
@@ -170,7 +177,7 @@ def test_set_points_never_stop_while_the_link_lives(end: str) -> None:
     assert set_points_apart(world) <= 0.25
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("refused", ["late", "full"])
 def test_a_set_point_that_did_not_leave_is_sent_again_at_once(refused: str, seed: int) -> None:
     """On a loaded computer: every other look at the link is held up for 60 ms, or its buffer is full.
@@ -254,7 +261,7 @@ def ended_at(make: Callable[[], Any]) -> float:
 
 
 @pytest.mark.parametrize(
-    ("make", "ms"), [*((ardupilot, ms) for ms in range(0, 400, 50)), *((px4, ms) for ms in range(25, 400, 50))]
+    ("make", "ms"), [*((ardupilot, ms) for ms in range(0, 400, 75)), *((px4, ms) for ms in range(25, 400, 75))]
 )
 def test_a_switch_just_before_the_search_ends_is_not_overridden(make: Callable[[], Any], ms: int) -> None:
     """Whenever the pilot switches: what the vehicle is in at the end is what the pilot has chosen."""
@@ -485,9 +492,17 @@ def elsewhere(north_m: float, **options: Any) -> SimulatedVehicle:
     return other
 
 
-@pytest.mark.parametrize("silence_s", [0.3, 1.0, 2.0, 4.0])
-@pytest.mark.parametrize(("north_m", "booted"), [(0.0, -5.0), (0.0, 5.0), (40.0, 0.0), (40.0, -5.0), (400.0, 2.0)])
-def test_another_drone_with_the_same_ids_is_not_flown(silence_s: float, north_m: float, booted: float) -> None:
+@pytest.mark.parametrize(
+    ("north_m", "booted", "silence_s"),
+    [
+        *((0.0, -5.0, silence_s) for silence_s in (0.3, 2.0)),
+        *((0.0, 5.0, silence_s) for silence_s in (1.0, 4.0)),
+        *((40.0, 0.0, silence_s) for silence_s in (0.3, 1.0, 2.0, 4.0)),
+        *((40.0, -5.0, silence_s) for silence_s in (1.0, 4.0)),
+        *((400.0, 2.0, silence_s) for silence_s in (0.3, 2.0)),
+    ],
+)
+def test_another_drone_with_the_same_ids_is_not_flown(north_m: float, booted: float, silence_s: float) -> None:
     world = World(ardupilot(), take_off=2.0)
     world.hunt()
     other = elsewhere(north_m, boot_time=booted)

@@ -112,7 +112,7 @@ class Lied:
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_beside_a_liar_two_searches_end_in_time_and_keep_off_the_ground_and_each_other(lie: str) -> None:
+def test_beside_a_liar_two_searches_end_and_keep_off_the_ground_and_each_other(lie: str) -> None:
     lied = Lied(LIES[lie])
     for outcome, drone in zip(lied.outcomes, lied.flown, strict=True):
         assert outcome is not None, "it does not end"

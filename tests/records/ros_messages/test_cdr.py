@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
@@ -68,7 +68,6 @@ def test_a_schema_has_every_definition_that_it_needs_once(cls: type[Message]) ->
     assert set(get_types_from_msg(schema(cls), cls.ros_name())) == {one.ros_name() for one in messages(cls)}
 
 
-@settings(max_examples=40)
 @given(st.data())
 @pytest.mark.parametrize("cls", PUBLISHED, ids=lambda cls: cls.ros_name())
 def test_whatever_a_message_holds_another_reader_reads(cls: type[Message], data: st.DataObject) -> None:
