@@ -21,6 +21,7 @@ from arva_hil.events.searches import (
     TransmitterChosen,
     TransmitterFaded,
     TransmitterHeard,
+    TransmitterMoves,
 )
 from arva_hil.events.words.reasons import in_words
 from arva_hil.search.mission.choice import NO_ID
@@ -149,6 +150,23 @@ def test_the_end_of_the_strips_is_the_end_and_says_so(strategy: type[Scripted]) 
     assert m.progress.path_m == pytest.approx(25, abs=3)
     assert m.progress.searched_s == pytest.approx(now - 100)
     assert heard(m, at_s=now + 1, position=position) == STILL
+
+
+def test_a_transmitter_that_moves_is_passed_by_and_looked_at_once_more_at_the_end(strategy: type[Scripted]) -> None:
+    """It may be a victim whose readings were taken for a walk."""
+    strategy.track = ((90.0, 0.0, 0.0), (110.0, 15.0, 5.0))  # type: ignore[attr-defined]
+    m = mission(strategy, area=(0, 0, 20, 10), strip_width=10)
+    position, now, moved = (0.0, 0.0, -1.0), 100.0, list[int | None]()
+    while not m.ended:
+        now += 0.5
+        north, east = heard(m, beacon(1, 20 + now % 7), at_s=now, position=position)
+        position = position[0] + north * 0.5, position[1] + east * 0.5, -1.0
+        moved += [event.transmitter for event in m.news() if isinstance(event, TransmitterMoves)]
+        assert now < 300
+    assert moved == [1, 1]
+    assert m.found is None
+    assert m.moving == {1: strategy.track}  # type: ignore[attr-defined]
+    assert not m.others
 
 
 # -- the last look ------------------------------------------------------------------------------------------

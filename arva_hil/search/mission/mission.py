@@ -93,6 +93,7 @@ class Mission:
         self.found: Found | None = None  # it flies above this place, to end there or to record it
         self.accuracy = UNKNOWN
         self.moving: dict[int, Track] = {}  # the transmitters that move
+        self._passed: set[int] = set()  # those of them that are passed by, until the strips are flown again
         self.sure = True
         self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
@@ -252,8 +253,9 @@ class Mission:
         velocity = self._strips.velocity(time_s, receiver)
         if not self._strips.exhausted:
             return velocity
-        if not self._twice and self.victims.back() | self.choice.forgive():
+        if not self._twice and self.victims.back() | self.choice.forgive() | bool(self._passed):
             self._twice = True
+            self._passed.clear()
             return self._strips.again()
         if self.victims.wanted or not self.victims.places or self.others:
             how = {"heard": bool(self.choice.heard), "twice": self._twice, "team": isinstance(self._strips, TeamStrips)}
@@ -308,7 +310,7 @@ class Mission:
         """Return True if a transmitter is another search's, or found. Without ids that is unknown."""
         if id_ == NO_ID:
             return False
-        if id_ in self.moving:
+        if id_ in self._passed:
             return True
         metres = self.choice.heard[id_].nearest_m
         return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own, metres=metres))
@@ -324,6 +326,7 @@ class Mission:
             return
         if answer.track and target != NO_ID:
             self.moving[target] = answer.track
+            self._passed.add(target)
             _, north, east = answer.track[-1]
             self._emit(TransmitterMoves(time_s, target, speed_of(answer.track), north, east))
             self._go_on(position)
@@ -332,6 +335,7 @@ class Mission:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self.found, self.sure, self._dipole = answer.found, answer.sure, answer.dipole
+            self.moving.pop(target, None)
             self._tell(self.found, id_of(target), time_s)
         if answer.belief is not None and time_s >= self._belief_s:
             self._belief_s = time_s + _BELIEF_S
