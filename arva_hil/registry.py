@@ -290,6 +290,7 @@ LINKS: Final = Registry(  # by an address's kind; for links of other packages th
         "tcpin": "arva_hil.links.tcp_server:TcpServerLink",
         "tlog": "arva_hil.links.tlog:TlogLink",
         "stdout": "arva_hil.links.stdout:StdoutLink",
+        "can": "arva_hil.links.dronecan:DroneCanLink",
     },
     ("open", "read", "write", "close", "reopened"),
 )

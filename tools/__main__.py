@@ -31,6 +31,7 @@ PROGRAMS = {
     "sitl lua": "tools.fly_lua",
     "sitl pilot": "tools.pilot_authority",
     "soak run": "tools.long_run",
+    "soak can": "tools.can_tunnel",
     "soak kills": "tools.random_kills",
     "vectors": "tools.make_vectors",
     "reference": "tools.write_reference",

@@ -1,0 +1,132 @@
+"""The serial tunnel of DroneCAN, on the virtual bus of python-can and on a simulator's multicast."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import pytest
+
+from arva_hil.clock import RealClock
+from arva_hil.links import AddressError, Link, LinkError, open_link
+from arva_hil.links.reconnecting import open_reconnecting
+from firmware_proto import Channel, Decoder, Frame, encode
+from tests.every import every
+from tests.links.links_waiting import receive
+
+can = pytest.importorskip("can")
+dronecan = pytest.importorskip("dronecan")
+open_bus = pytest.importorskip("arva_hil.links.can_bus").open_bus
+
+Keep = Callable[[Link], Link]
+FRAME = encode(Frame(7, 1, (Channel(1, 1, 1905, 22), Channel())))
+
+
+def ends(keep: Keep, bus: str) -> tuple[Link, Link]:
+    """Return a receiver and an autopilot on a bus."""
+    clock = RealClock()
+    receiver = keep(open_link(f"can:SERIAL0,node=42,bus={bus}", clock=clock))
+    return receiver, keep(open_link(f"can:SERIAL0,node=10,to=42,bus={bus}", clock=clock))
+
+
+@pytest.mark.parametrize("bus", ["virtual:both-ways", "mcast:9"])
+def test_bytes_pass_both_ways(keep: Keep, bus: str) -> None:
+    receiver, autopilot = ends(keep, bus)
+    long = bytes(range(256)) * 2
+    assert receiver.write(long)
+    assert receive(autopilot, len(long)) == long
+    assert autopilot.write(b"command")
+    assert receive(receiver, 7) == b"command"
+
+
+def test_another_port_and_another_node_are_not_read(keep: Keep) -> None:
+    receiver, autopilot = ends(keep, "virtual:ports")
+    clock = RealClock()
+    for other in "can:SERIAL1,node=42,bus=virtual:ports", "can:SERIAL0,node=43,bus=virtual:ports":
+        assert keep(open_link(other, clock=clock)).write(b"not this")
+    assert receiver.write(b"this")
+    assert receive(autopilot, 4) == b"this"
+    assert not autopilot.ready()
+
+
+def test_the_node_says_who_it_is(keep: Keep) -> None:
+    """ArduPilot's server of node IDs asks each node."""
+    receiver, _ = ends(keep, "virtual:node")
+    asking = dronecan.node.Node(open_bus("virtual:node", [(0, 0)]), node_id=99)
+    answers: list[Any] = []
+    asking.request(dronecan.uavcan.protocol.GetNodeInfo.Request(), 42, answers.append)
+    receiver.read()
+    asking.spin(0)
+    asking.close()
+    (answer,) = answers
+    assert answer.response.name.decode() == "org.arva_hil.receiver"
+    assert answer.response.status.mode == answer.response.status.MODE_OPERATIONAL
+
+
+def test_wrong_frames_of_other_nodes_are_counted_and_do_no_harm(keep: Keep) -> None:
+    receiver, autopilot = ends(keep, "virtual:wrong")
+    random = Random(457)
+    with can.Bus(interface="virtual", channel="wrong") as bus:
+        for _ in range(300):
+            tunnel, request = 16 << 24 | 3001 << 8 | 42, 16 << 24 | 1 << 16 | 10 << 8 | 0x80
+            id_ = random.choice([tunnel, request, random.getrandbits(29)])
+            data = random.randbytes(random.randrange(8)) + bytes([0xC0 | random.randrange(32)])
+            bus.send(can.Message(arbitration_id=id_, data=data))
+        autopilot.read()
+    assert autopilot.strangers > 50
+    decoder = Decoder()
+    frames = []
+    for _ in range(3):  # one transfer ID may be that of a wrong frame
+        receiver.write(FRAME)
+        while not autopilot.ready():
+            pass
+        frames += decoder.feed(autopilot.read(), 0.0)
+    assert frames[-1].channels[0].d == 1905
+
+
+def test_a_bus_that_is_lost_is_opened_again(keep: Keep) -> None:
+    clock = RealClock()
+    receiver = keep(open_reconnecting("can:SERIAL0,node=42,bus=virtual:lost", clock=clock))
+    autopilot = keep(open_link("can:SERIAL0,node=10,to=42,bus=virtual:lost", clock=clock))
+    receiver._link._node.can_driver.close()  # type: ignore[attr-defined]
+    assert not receiver.write(FRAME)
+    assert receiver.away
+    assert "is the CAN adapter plugged in?" in receiver.why
+    while receiver.away:
+        clock.wait(clock.now() + 0.01, [receiver])
+        receiver.write(FRAME)
+        receiver.read()
+    assert receive(autopilot, len(FRAME)).startswith(FRAME)
+
+
+@every(
+    "text, found",
+    [
+        ("can:", "has the port ''"),
+        ("can:SERIAL0", "has no node="),
+        ("can:COM3,node=4", "has the port 'COM3', expected SERIAL0 to SERIAL15"),
+        ("can:SERIAL0,node=10", "has node 10 at both ends"),
+        ("can:SERIAL0,node=126", "has node=126, expected a node ID 1…125"),
+        ("can:SERIAL0,node=x", "has node=x, expected a node ID 1…125"),
+        ("can:SERIAL0,node=4,speed=9", "has 'speed', expected node=, to= or bus="),
+    ],
+)
+def test_a_wrong_connection_string_is_refused(text: str, found: str) -> None:
+    with pytest.raises(AddressError, match="write can:SERIAL0,node=42,bus=can0") as error:
+        open_link(text, clock=RealClock())
+    assert found in str(error.value)
+
+
+@every(
+    "bus, cure",
+    [
+        ("nothere0", "`"),
+        ("morse:3", "another interface of python-can"),
+        ("mcast:first", "write mcast:0"),
+    ],
+)
+def test_a_bus_that_does_not_exist_is_an_error_with_a_cure(bus: str, cure: str) -> None:
+    with pytest.raises(LinkError, match=f"CAN bus {bus}: cannot be opened") as error:
+        open_link(f"can:SERIAL0,node=42,bus={bus}", clock=RealClock())
+    assert cure in str(error.value)
