@@ -21,7 +21,6 @@ from arva_hil.records.comparing import (
     compared,
     emulated_again,
     paired_frames,
-    same_frames,
 )
 from arva_hil.records.pictures.style import FORMATS
 from arva_hil.records.reading import RecordedReceiver, Recording
@@ -40,7 +39,7 @@ def main(options: argparse.Namespace) -> int:
     if options.scenario:
         emulated = emulated_again(record, receiver, emulated_scenario(options.scenario, options.seed))
         names = ("recorded", "emulated")
-        pairs = same_frames(len(emulated.receiver))
+        pairs = emulated.pairs
         result = compared(receiver, emulated.receiver, pairs, emulated.ranges)
     else:
         other = loaded(options.other)

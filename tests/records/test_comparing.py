@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arva_hil.config import DEFAULT, Scenario, Transmitter
-from arva_hil.records.comparing import Comparison, compared, emulated_again, paired_frames, same_frames
+from arva_hil.config import DEFAULT, Fault, Scenario, Transmitter
+from arva_hil.records.comparing import Comparison, compared, emulated_again, paired_frames
 from arva_hil.records.reading import load
 from tests.rehearsed import rehearse
 from tools.real.rehearsal import Waypoint
@@ -28,7 +28,7 @@ FLIGHT = [
 def with_scenario(folder: Path, scenario: Scenario) -> Comparison:
     record = load(folder)
     again = emulated_again(record, record.receivers[0], scenario)
-    (one,) = compared(record.receivers[0], again.receiver, same_frames(len(again.receiver)), again.ranges)
+    (one,) = compared(record.receivers[0], again.receiver, again.pairs, again.ranges)
     return one
 
 
@@ -50,6 +50,35 @@ def test_the_emulator_reads_the_same_where_nothing_differs(tmp_path: Path) -> No
 def test_a_receiver_that_is_late_has_this_lag(tmp_path: Path) -> None:
     one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT, latency_s=0.6), QUIET)
     assert one.lag_s == pytest.approx(0.6, abs=0.06)
+
+
+def test_the_delay_of_a_scenario_is_the_lag_of_the_receiver(tmp_path: Path) -> None:
+    late = replace(QUIET, faults=(Fault("delay_s", 0.6),))  # the first frame was made before the record
+    one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT, latency_s=0.6), late)
+    assert one.lag_s == pytest.approx(0, abs=0.06)
+    assert one.all is not None
+    assert one.all.d_scatter_m < 0.05
+
+
+def test_two_frames_of_one_chunk_have_one_time(tmp_path: Path) -> None:
+    record = load(rehearse(tmp_path / "r", QUIET, FLIGHT))
+    (receiver,) = record.receivers
+    time_s = receiver.time_s.copy()
+    time_s[21] = time_s[20]
+    again = emulated_again(record, replace(receiver, time_s=time_s), QUIET)
+    assert len(again.receiver) == 61
+
+
+def test_frames_that_a_fault_withholds_or_damages_are_lost_and_a_dead_antenna_is_heard(tmp_path: Path) -> None:
+    folder = rehearse(tmp_path / "r", QUIET, FLIGHT)
+    one = with_scenario(folder, replace(QUIET, faults=(Fault("drop", 0.3), Fault("corrupt", 0.2))))
+    assert 10 < one.second_lost < 45
+    assert one.both < 45
+    assert one.all is not None
+    assert one.all.d_scatter_m < 0.05
+    deaf = with_scenario(folder, replace(QUIET, faults=(Fault("antenna_x", 0.3),)))
+    assert deaf.all is not None
+    assert deaf.all.ratio < 0.97
 
 
 def test_another_display_law_is_a_ratio_and_a_mount_a_bias_of_the_angle(tmp_path: Path) -> None:

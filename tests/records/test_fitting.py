@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arva_hil.config import Scenario, Transmitter
+from arva_hil.config import Scenario, Transmitter, parse
 from arva_hil.config.profiles import parse_profile
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.fitting import FitError, ReceiverFit, flight_of
@@ -97,6 +97,12 @@ def test_the_profile_and_the_scenario_can_be_read(
     again = load_scenario(tmp_path / "s.yaml")
     assert again.receiver.kappa_eq == pytest.approx(exact[2]["kappa_eq"], rel=0.02)
     assert again.transmitters[0].ned == pytest.approx(exact[1].transmitters[0].ned, abs=1.5)
+
+
+def test_a_latency_of_zero_is_no_fault_of_the_scenario(of_exact: ReceiverFit) -> None:
+    estimates = {**of_exact.estimates, "latency": replace(of_exact.estimates["latency"], value=0.0004)}
+    text = scenario(replace(of_exact, estimates=estimates), "builtin:paper")
+    assert parse(text, "s.yaml").faults == ()
 
 
 def test_outliers_count_little(exact: tuple[Path, Scenario, dict[str, float]], of_exact: ReceiverFit) -> None:

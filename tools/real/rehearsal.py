@@ -26,7 +26,7 @@ from arva_hil.registry import FORMATS
 from arva_hil.simulated import HOME
 
 EPOCH_US = 1_798_761_600_000_000  # 2027-01-01T00:00:00Z
-STEP_S = 0.05
+STEP_S = 0.1
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED | dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 

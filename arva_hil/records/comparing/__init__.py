@@ -2,7 +2,7 @@
 
 from .again import Emulated, emulated_again
 from .comparison import TOO_FEW, Comparison, Spread, compared
-from .pairing import NotComparable, Paired, paired_frames, same_frames
+from .pairing import NotComparable, Paired, paired_frames
 
 __all__ = ["TOO_FEW", "Comparison", "Emulated", "NotComparable", "Paired", "Spread", "compared", "emulated_again"]
-__all__ += ["paired_frames", "same_frames"]
+__all__ += ["paired_frames"]

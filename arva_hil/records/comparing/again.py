@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.config import Scenario
+from arva_hil.config import Fault, Scenario
 from arva_hil.emulator import build
+from arva_hil.emulator.faults.plan import Faults
+from arva_hil.emulator.formats import encoder
 from arva_hil.emulator.receivers import EmulatedReceiver, Schedule
 from arva_hil.emulator.setup import VehicleSetup, one_vehicle
 from arva_hil.emulator.world import VehicleWorld
@@ -21,11 +23,14 @@ from arva_hil.links import LinkError
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.model.field import rotation
+from arva_hil.records.comparing.pairing import Paired
 from arva_hil.records.reading import RecordedReceiver, Recording, RecordingError
 from arva_hil.records.reading.receivers import NO_ID
 from arva_hil.records.writing.layout import TLOG
+from firmware_proto import Frame
 
 _LOOK_AHEAD_S = 1.0
+_AT_ONCE_S = 1e9  # later than any delay
 _NO_ANGLE = np.full(3, np.nan)
 
 
@@ -44,37 +49,66 @@ class RecordedSchedule(Schedule):
 
 
 class Emulated(NamedTuple):
-    """The readings, and the true range of each transmitter at each frame by its id [m], NaN without a pose."""
+    """The readings, and the true range of each transmitter at each frame by its id [m], NaN without a pose.
+
+    `pairs`: the recorded frames, and these. Frames that a fault withholds or damages are not in it.
+    """
 
     receiver: RecordedReceiver
     ranges: Mapping[int, NDArray[np.float64]]
+    pairs: Paired
 
 
 def emulated_again(recording: Recording, receiver: RecordedReceiver, scenario: Scenario) -> Emulated:
-    """Return the readings of the scenario's receiver at the instants of the recorded frames.
+    """Return the readings of the scenario's receiver at the instants of the recorded frames, with its faults.
 
-    Its poses come from the packets of the record. Faults of the scenario are left out. Raises RecordingError.
+    Its poses come from the packets of the record. A frame was made `delay_s` before it was recorded. Raises
+    RecordingError.
     """
     setup = one_vehicle(scenario, Session(passive=True))
     world = VehicleWorld(setup, {}, start=0.0, max_age_s=2.0)
-    schedule = RecordedSchedule(receiver.time_s.tolist())
-    model = build.receiver(scenario)
+    model, faults = build.receiver(scenario), None
+    if scenario.faults:
+        faults = Faults(scenario, model)
+        model = faults.receiver
+    schedule = RecordedSchedule(_made_s(receiver.time_s, scenario.faults))
     emulated = EmulatedReceiver("", "", scenario, model, start=0.0, first=0.0, schedule=schedule)
+    encode = encoder(scenario.output_format, setup.session)
     made: list[FrameMade] = []
     ranges: list[Mapping[int, float]] = []
 
     def settle(now: float) -> None:
         while (t := emulated.next_due) <= now and (now - t >= _LOOK_AHEAD_S or world.is_known(t)):
             for event in emulated.advance(seen := world.at(t), t):
-                if isinstance(event, FrameMade):
+                if isinstance(event, FrameMade) and (faults is None or _arrives(event, faults, encode)):
                     made.append(event)
                     ranges.append(seen.transmitters.ranges(event.pose.position) if event.pose else {})
 
     feed(recording, setup, world, settle)
-    settle(float(receiver.time_s[-1]) + _LOOK_AHEAD_S if len(receiver) else 0.0)
+    settle(float(receiver.time_s[-1]) + 2 * _LOOK_AHEAD_S if len(receiver) else 0.0)
     ids = [transmitter.id for transmitter in scenario.transmitters]
     by_id = {id_: np.array([one.get(id_, math.nan) for one in ranges]) for id_ in ids}
-    return Emulated(_columns(receiver, made), by_id)
+    numbers = np.array([event.number for event in made], np.intp)
+    return Emulated(_columns(receiver, made, numbers), by_id, Paired(numbers, np.arange(len(made)), "time", None))
+
+
+def _made_s(recorded_s: NDArray[np.float64], faults: Sequence[Fault]) -> list[float]:
+    """Return the instants at which frames were made that were recorded at these times: each is later than the last."""
+    late_s = np.zeros(len(recorded_s))
+    for fault in faults:
+        if fault.name == "delay_s":
+            late_s += [fault.value * (fault.since(round(t * 1e6)) is not None) for t in recorded_s]
+    made_s = np.maximum.accumulate(np.maximum(recorded_s - late_s, 0.0))
+    later: list[float] = (made_s + 1e-9 * np.arange(len(made_s))).tolist()
+    return later
+
+
+def _arrives(made: FrameMade, faults: Faults, encode: Callable[[Frame, int], bytes]) -> bool:
+    """Return True if faults neither withhold nor damage this frame."""
+    faults.begin(made.number, made.instant_s)
+    _, copies = faults.send(made.frame, 0.0, 0, encode)
+    queued = list(iter(lambda: faults.outbox.take(_AT_ONCE_S), None))
+    return copies > 0 and all(one.whole for one in queued)
 
 
 def packets(recording: Recording) -> Iterator[tuple[float, bytes]]:
@@ -109,7 +143,7 @@ def feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle:
     return before
 
 
-def _columns(receiver: RecordedReceiver, made: Sequence[FrameMade]) -> RecordedReceiver:
+def _columns(receiver: RecordedReceiver, made: Sequence[FrameMade], numbers: NDArray[np.intp]) -> RecordedReceiver:
     slots = [slot for event in made for slot in event.reading.channels]
     begins = np.cumsum([0, *(len(event.reading.channels) for event in made)])
     n = len(made)
@@ -125,11 +159,11 @@ def _columns(receiver: RecordedReceiver, made: Sequence[FrameMade]) -> RecordedR
         "",
         "",
         whole([event.frame.sequence for event in made]),
-        receiver.time_s[:n],
-        receiver.boot_ms[:n],
+        receiver.time_s[numbers],
+        receiver.boot_ms[numbers],
         position,
         np.array(angles).reshape(-1, 3),
-        receiver.pose_age_ms[:n],
+        receiver.pose_age_ms[numbers],
         position,
         np.zeros(n),
         begins,

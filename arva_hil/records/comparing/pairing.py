@@ -37,12 +37,6 @@ class Paired(NamedTuple):
     offset_s: float | None
 
 
-def same_frames(count: int) -> Paired:
-    """Return the pairs of two receivers with the same frames."""
-    every = np.arange(count)
-    return Paired(every, every, "time", None)
-
-
 def paired_frames(a: Recording, b: Recording) -> Paired:
     """Pair the frames of two records. Raises NotComparable.
 

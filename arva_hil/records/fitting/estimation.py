@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from arva_hil.records.fitting.flight import Floats, RecordedFlight
+from arva_hil.records.fitting.flight import Floats, RecordedFlight, thinned
 from arva_hil.records.fitting.parameters import Parameter, name_of, receiver_parameters, transmitter_parameters
 from arva_hil.records.fitting.prediction import Predicted, Predictor, residuals
 from arva_hil.records.fitting.scatter import (
@@ -22,8 +22,10 @@ from arva_hil.records.fitting.scatter import (
     Linear,
     Scatter,
     covariance,
+    gps_covariance,
     minus_log_likelihood,
     outlier_factors,
+    own_covariance,
 )
 from arva_hil.records.fitting.start import candidates
 
@@ -35,8 +37,10 @@ _STEP_M: Final = 0.05
 _STEP_S: Final = 0.05
 _NEAR_LIMIT: Final = 0.85  # readings predicted beyond this share of the range are left out: weak ones are lost there
 _NEAR: Final = 5.0  # standard deviations of GPS: nearer readings are left out, their place is not known
+_BENT: Final = 0.1  # rad or of ln d: readings where GPS bends the prediction more, as near δ's poles, are left out
 _NOISY: Final = 0.3  # relative noise beyond which a reading is left out
 _MOST_NOISE_ROWS: Final = 340
+_START_READINGS: Final = 150
 _LEAST_AGE_S: Final = 1e-3
 _ROBUST: Final = (0.12, 0.15)  # scale of residuals of ln d and δ at the start
 
@@ -174,6 +178,7 @@ class Estimation:
         from scipy.optimize import least_squares
 
         best: tuple[float, Floats, list[Parameter]] | None = None
+        self._some = [thinned(flight, _START_READINGS) for flight in self.flights]
         starts = []
         for index, id_ in enumerate(self.ids):
             flight = max(self.flights, key=lambda one: int((one.who == index).sum()))
@@ -198,7 +203,7 @@ class Estimation:
 
     def _robust_rows(self, theta: Floats) -> Floats:
         every = []
-        for flight in self.flights:
+        for flight in self._some:
             log_d, delta = residuals(flight, self.predictor.predict(flight, theta))
             every += [log_d / _ROBUST[0], delta[self._has_delta(flight)] / _ROBUST[1]]
         return np.concatenate([*every, (theta - self.means) / self.sigmas])
@@ -209,10 +214,18 @@ class Estimation:
             predicted = self.predictor.predict(flight, self.theta)
             noise = max(self.scatter.x, self.scatter.y) / predicted.shown
             used = (noise < _NOISY) & (predicted.log_d > math.log(max(_NEAR * self.gps.sigma_m, 0.1)))
+            used &= self._bends(n) < _BENT
             if flight.heard_until_m is not None:
                 used &= predicted.log_d < math.log(_NEAR_LIMIT * flight.heard_until_m)
             if used.sum() >= len(self.theta):
                 self.used[n] = used
+
+    def _bends(self, n: int) -> Floats:
+        """Return how far GPS moves each reading of a flight (N,) beyond what its derivatives say [rad, of ln d]."""
+        _, linear = self.linear(Part(self.flights[n], self.bad[n]), self.theta)
+        bends = np.zeros(len(self.flights[n]))
+        np.maximum.at(bends, linear.reading, self.gps.sigma_m**2 * np.linalg.norm(linear.bend, axis=1))
+        return bends
 
     def _estimate_scatter(self) -> None:
         """Find the scatter with the highest likelihood."""
@@ -237,12 +250,14 @@ class Estimation:
         self._noise_information = _second_derivatives(told, found.x)
 
     def _noise_cost(self, problems: Sequence[_NoiseProblem]) -> Callable[[Floats], float]:
+        by_gps = [gps_covariance(part.flight, linear, self.gps) for part, _, linear, _ in problems]
+
         def cost(theta: Floats) -> float:
             scatter = Scatter.of(theta)
             wide = float((np.maximum(np.abs(theta - USUAL.theta) - 6, 0) ** 2).sum())  # keeps the search in bounds
             total = 1e3 * wide + 2.0 * max(0.0, theta[2] - math.log(2.0)) ** 2
-            for part, predicted, linear, jacobian in problems:
-                matrix = covariance(part.flight, predicted, linear, scatter, self.gps, part.bad)
+            for (part, predicted, linear, jacobian), of_gps in zip(problems, by_gps, strict=True):
+                matrix = own_covariance(part.flight, predicted, linear, scatter, part.bad) + of_gps
                 total += minus_log_likelihood(matrix, linear.residual, jacobian)
             return float(total)
 

@@ -86,9 +86,12 @@ class RecordedFlight:
 
     def poses(self, latency_s: float) -> tuple[Floats, Floats]:
         """Return positions (N, 3) and rotations body → NED (N, 3, 3), `latency_s` before the frames of the readings."""
-        at = self.time_s - latency_s
-        position = np.stack([np.interp(at, self.track_s, column) for column in self.track.T], axis=1)
-        q = np.stack([np.interp(at, self.track_s, column) for column in self.attitude.T], axis=1)
+        at = np.clip(self.time_s - latency_s, self.track_s[0], self.track_s[-1])
+        after = np.clip(np.searchsorted(self.track_s, at), 1, len(self.track_s) - 1)
+        before_s, after_s = self.track_s[after - 1], self.track_s[after]
+        share = ((at - before_s) / (after_s - before_s))[:, None]
+        position = (1 - share) * self.track[after - 1] + share * self.track[after]
+        q = (1 - share) * self.attitude[after - 1] + share * self.attitude[after]
         return position, rotation.to_matrix(q)
 
 
@@ -137,10 +140,15 @@ def flight_of(recording: Recording) -> RecordedFlight:
         frame_s,
         _repeated(d_m[order], delta[order], who[order]),
     )
-    if len(flight) <= MOST:
+    return thinned(flight, MOST)
+
+
+def thinned(flight: RecordedFlight, most: int) -> RecordedFlight:
+    """Return at most so many readings, evenly over the flight."""
+    if len(flight) <= most:
         return flight
     keep = np.zeros(len(flight), bool)
-    keep[np.linspace(0, len(flight) - 1, MOST).round().astype(int)] = True
+    keep[np.linspace(0, len(flight) - 1, most).round().astype(int)] = True
     return flight.part(keep)
 
 

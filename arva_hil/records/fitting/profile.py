@@ -29,7 +29,9 @@ def scenario(fit: ReceiverFit, profile_name: str) -> str:
     """Return the text of a scenario with the transmitters, the latency as a fault, and the profile by its file name."""
     get = {name: one.value for name, one in fit.estimates.items()}
     lines = ["# The transmitters and the latency of a fit; the receiver is in the profile.", "spec: 2"]
-    lines += [f"receiver: {{profile: {profile_name}}}", f"faults: [{{delay_s: {max(get['latency'], 0.0):.3f}}}]"]
+    lines.append(f"receiver: {{profile: {profile_name}}}")
+    if get["latency"] >= 0.001:
+        lines.append(f"faults: [{{delay_s: {get['latency']:.3f}}}]")
     lines.append("transmitters:")
     for id_ in fit.ids:
         name = "transmitter" if id_ == NO_ID else f"transmitter {id_}"

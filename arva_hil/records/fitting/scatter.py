@@ -68,13 +68,15 @@ def covariance(
     flight: RecordedFlight, predicted: Predicted, linear: Linear, scatter: Scatter, gps: Gps, bad: Floats
 ) -> Floats:
     """Return the covariance (R, R) of the residuals. `bad` (N,): factor of the variance of outliers, 1 for others."""
-    variance = own_covariance(flight, predicted, linear, scatter, bad)
-    if gps.sigma_m > 0:
-        at = flight.time_s[linear.reading]
-        together = np.exp(np.abs(at[:, None] - at[None]) * (-1 / gps.tau_s))
-        variance += gps.sigma_m**2 * together * (linear.place @ linear.place.T)
-        variance += gps.sigma_m**4 * together**2 * (linear.bend @ linear.bend.T)
-    return variance
+    return own_covariance(flight, predicted, linear, scatter, bad) + gps_covariance(flight, linear, gps)
+
+
+def gps_covariance(flight: RecordedFlight, linear: Linear, gps: Gps) -> Floats:
+    """Return the part of the position's error (R, R), which does not depend on the scatter."""
+    at = flight.time_s[linear.reading]
+    together = gps.sigma_m**2 * np.exp(np.abs(at[:, None] - at[None]) * (-1 / gps.tau_s))
+    of_gps: Floats = together * (linear.place @ linear.place.T) + together**2 * (linear.bend @ linear.bend.T)
+    return of_gps
 
 
 def own_covariance(

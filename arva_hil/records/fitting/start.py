@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from arva_hil.model.field.dipole import field_of
-from arva_hil.records.fitting.flight import Floats, RecordedFlight
+from arva_hil.records.fitting.flight import Floats, RecordedFlight, thinned
 
-_READINGS: Final = 60
+_READINGS: Final = 40
 _KEEP: Final = 6  # candidates
 _LATENCY_S: Final = 0.3
 _DOWN_M: Final = (0.0, 1.5, -2.0)
@@ -19,7 +19,7 @@ _DOWN_M: Final = (0.0, 1.5, -2.0)
 def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None) -> list[Floats]:
     """Return starts for transmitter `index`, the best first: north, east, down, yaw, pitch, ln κ, mount yaw."""
     mine = flight.part(flight.who == index)
-    some = mine.part(np.isin(np.arange(len(mine)), np.linspace(0, len(mine) - 1, _READINGS).astype(int)))
+    some = thinned(mine, _READINGS)
     position, body = some.poses(_LATENCY_S)
     found: list[tuple[float, Floats]] = []
     places = [surveyed] if surveyed is not None else _places(some, position)
