@@ -35,14 +35,14 @@ P99_MS = 5.0
 
 
 class Deadlines:
-    """The deadline of each frame."""
+    """The deadline, the lateness and the number of each frame."""
 
     def __init__(self) -> None:
-        self.frames: list[tuple[float, float]] = []
+        self.frames: list[tuple[float, float, int]] = []
 
     def observe(self, event: Event) -> None:
         if isinstance(event, FrameMade):
-            self.frames.append((event.time_s - event.late_s, event.late_s))
+            self.frames.append((event.time_s - event.late_s, event.late_s, event.number))
 
 
 class Arrivals:
@@ -86,15 +86,16 @@ def main() -> None:
 def told(deadlines: Deadlines, arrivals: Arrivals, dropped: int) -> bool:
     """Print the counts and the lateness. Returns True if they are as they have to be."""
     made, decoder = len(deadlines.frames), arrivals.decoder
+    skipped = deadlines.frames[-1][2] + 1 - made
     print(
-        f"{made} frames in {deadlines.frames[-1][0] - deadlines.frames[0][0]:.0f} s; {dropped} dropped by the bus; at "
-        f"the far end {decoder.good}, {decoder.lost} lost by the sequence, {decoder.bad_crc} bad checksums; "
-        f"{time.process_time():.0f} s of processor time"
+        f"{made} frames in {deadlines.frames[-1][0] - deadlines.frames[0][0]:.0f} s, {skipped} not made because the "
+        f"process stood still for over a second; {dropped} dropped by the bus; at the far end {decoder.good}, "
+        f"{decoder.bad_crc} bad checksums; {time.process_time():.0f} s of processor time"
     )
-    whole = made == decoder.good and not (dropped or decoder.lost or decoder.bad_crc)
+    whole = made == decoder.good and decoder.lost == skipped and not (dropped or decoder.bad_crc)
     if not whole:
         return False
-    due, late_s = np.array(deadlines.frames).T
+    due, late_s, _ = np.array(deadlines.frames).T
     for name, each in ("made", late_s), ("at the far end", np.array(arrivals.times) - due):
         p50, p99, most = 1e3 * np.percentile(each, [50, 99, 100])
         print(f"late {name}: median {p50:.2f} ms, p99 {p99:.2f} ms, at most {most:.2f} ms")
