@@ -23,11 +23,13 @@ class Scalar(str):
     node: Node
     plain: str
     spec: int
+    file: str
+    """In which it is written, also after a profile was taken over."""
 
     def __new__(cls, node: Node, spec: int = NEWEST_SPEC) -> Scalar:
         text = node.value if isinstance(node.value, str) else ""
         scalar = super().__new__(cls, text)
-        scalar.node, scalar.spec = node, spec
+        scalar.node, scalar.spec, scalar.file = node, spec, node.start_mark.name
         scalar.plain = text if getattr(node, "style", None) is None else ""
         return scalar
 
@@ -90,4 +92,4 @@ def spec_of(value: Any) -> int:
 
 def folder_of(value: Any) -> str:
     """Return the folder of the file that a scalar is from, "" for others."""
-    return os.path.dirname(value.node.start_mark.name) if isinstance(value, Scalar) else ""
+    return os.path.dirname(value.file) if isinstance(value, Scalar) else ""

@@ -8,6 +8,7 @@ from typing import Any, Final
 from arva_hil.config import own_options
 from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
 from arva_hil.config.constraints import Anything, Named, Number, Numbers, Whole, Word
+from arva_hil.config.display import DisplayOptions
 from arva_hil.config.errors import Violation, wrong
 from arva_hil.config.tables import OtherKeys, Table, key, valid_value
 from arva_hil.config.transmitter import PROFILE, VehicleNoiseOptions
@@ -126,6 +127,7 @@ class ReceiverOptions(Table):
         Named(RECEIVERS), "the model that computes readings; the model's own keys are beside it", since=2, default=PAPER
     )
     options: Any = key(Anything(), default=None)
+    display: DisplayOptions | None = key(help="own law of d; only receivers of pulses use it", since=2, default=None)
     vehicle_noise: VehicleNoiseOptions | None = key(
         help="noise of the motors; only for the model `pulsed`", since=2, default=None
     )

@@ -25,6 +25,8 @@ KeyingKind = Literal["modern", "modern-tight", "old-digital", "analogue", "norm-
 DipoleKind = Literal["static", "full"]
 
 _NOISE: Final = Number(0, 1_000_000, unit="nA/m")
+_LEVEL: Final = Numbers(Number(0, 1), _NOISE, names="load, nA/m")
+Level = tuple[float, float]  # load 0…1, nA/m
 
 
 def _seconds(low: float, high: float) -> Number:
@@ -97,14 +99,29 @@ class MediumOptions(Table):
 class VehicleNoiseOptions(Table):
     """The noise that the vehicle's motors add to that of a receiver."""
 
-    motors: tuple[Triple, ...] = key(ListOf(BODY_POINT, 1, 16, "places", unit="m"), "body FRD, of each motor")
+    motors: tuple[Triple, ...] = key(
+        ListOf(BODY_POINT, 1, 16, "places", unit="m"), "body FRD, of each motor; needed without levels", default=()
+    )
     motor_na_m: float = key(_NOISE, "of one motor at full throttle, 0.5 m away", default=5.2)
     line_na_m: float = key(_NOISE, "of one controller's harmonic in the band, 0.5 m away, always", default=0.0)
+    levels: tuple[Level, ...] = key(
+        ListOf(_LEVEL, 2, 100, "levels"), "measured at the receiver: [load 0…1, nA/m], instead of motors", default=()
+    )
     full_current_a: float | None = key(
         Number(0, 10_000, above=True, unit="A"),
         "of all motors at full throttle; their load is then computed from their current",
         default=None,
     )
+
+    @classmethod
+    def conflicts(cls, of: Any) -> Iterator[Violation]:
+        if of.motors is not None and of.levels is not None and bool(of.motors) == bool(of.levels):
+            yield Violation("motors, or levels", "both" if of.motors else "neither")
+        before = None
+        for path, (load, _) in items_of(of, "levels"):
+            if before is not None and load <= before:
+                yield Violation(f"a load above the one before ({before:g})", f"{load:g}", path=path)
+            before = load
 
 
 Frame = Literal["enu", "ned"]

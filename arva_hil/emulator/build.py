@@ -94,7 +94,7 @@ def sling(scenario: config.Scenario) -> Sling | None:
 def vehicle_noise(scenario: config.Scenario) -> VehicleNoise | None:
     """Return the motors' noise at the scenario's receiver; None if there is none."""
     options = scenario.receiver.vehicle_noise
-    return VehicleNoise(options.motors, options.motor_na_m, options.line_na_m) if options else None
+    return VehicleNoise(options.motors, options.motor_na_m, options.line_na_m, options.levels) if options else None
 
 
 def outside_norm(scenario: config.Scenario) -> list[str]:

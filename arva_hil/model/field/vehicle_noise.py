@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 Point = tuple[float, float, float]
 
 _AT_M: Final = 0.5  # distance of the specified noise: makers require it between a receiver and electronics
@@ -20,6 +22,7 @@ class VehicleNoise:
     - `motors`: their places, body FRD, metres.
     - `motor_na_m`: standard deviation of the noise of one motor at full load, 0.5 m away [nA/m].
     - `line_na_m`: the same of a harmonic of the motors' controllers within the receiver's band, at any load.
+    - `levels`: instead of all these, the noise measured at the receiver over the load: (load, nA/m), linear between.
 
     No noise of a real vehicle at 457 kHz is published: the law is physics, the size is assumed.
     """
@@ -27,14 +30,18 @@ class VehicleNoise:
     motors: tuple[Point, ...]
     motor_na_m: float = 0.0
     line_na_m: float = 0.0
+    levels: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.motors:
+        if not self.motors and not self.levels:
             raise ValueError("a vehicle without motors makes no noise: expected one or more")
         if self.motor_na_m < 0 or self.line_na_m < 0:
             raise ValueError("the noise of a motor is 0 nA/m or more")
 
     def sigma_na_m(self, place: Sequence[float], load: float) -> float:
         """Return standard deviation at an antenna at `place` (3,), body FRD, metres; `load`: 0…1."""
+        if self.levels:
+            loads, sigmas = np.array(self.levels).T
+            return float(np.interp(load, loads, sigmas))
         one = math.hypot(self.motor_na_m * load, self.line_na_m)
         return one * math.hypot(*((_AT_M / max(math.dist(place, motor), _NEAREST_M)) ** 3 for motor in self.motors))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from arva_hil.model.receiver.display_law import DisplayLaw
 from arva_hil.model.receiver.paper import near, output
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from arva_hil.model.receiver.reading import Zone
@@ -17,11 +18,13 @@ _LARGEST_CM: Final = {"digits": 9900, "cm": 32767}  # two digits; what frames ca
 class Display:
     """Remembers the last direction of each transmitter, for receivers that keep it near the transmitter.
 
-    `kappa_eq`: factor from field to distance. Signals are in units of the reference transmitter's field.
+    `kappa_eq`: factor from field to distance; with a `law` only for zones and range. Signals are in units of the
+    reference transmitter's field.
     """
 
-    def __init__(self, options: PulsedOptions, kappa_eq: float) -> None:
+    def __init__(self, options: PulsedOptions, kappa_eq: float, law: DisplayLaw | None = None) -> None:
         self._options = options
+        self._law = law
         self._cbrt = math.cbrt(kappa_eq / (4 * math.pi))
         self._scale = options.scale_na_m
         self._inner_m = options.third_within_m if options.antennas > 2 else -1.0
@@ -50,6 +53,8 @@ class Display:
             delta_deg = self._directions.get(index, 0)
         x, y, z = signal
         scale = self._scale
+        if self._law is not None:
+            d_cm = round(100 * self._law.d(scale * math.hypot(x, y, z if zone == Zone.INNER else 0.0)))
         return Shown(zone, self._step(d_cm), delta_deg, (x * scale, y * scale, z * scale))
 
     def _step(self, d_cm: int) -> int:

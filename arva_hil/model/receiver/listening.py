@@ -57,6 +57,7 @@ class Listening:
         self._given: tuple[Keying, ...] | None = None
         self._timeline = PulseTimeline((), 0.0)
         self._look: Look | None = None
+        self._of_carrier: list[float] = []
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -81,6 +82,7 @@ class Listening:
             return False
         self._given = look.transmitters.keyings
         self.keyings = self._given or _keyings(look.transmitters)
+        self._of_carrier = [self._options.carrier_gain(keying.carrier_hz) for keying in self.keyings]
         self._timeline = PulseTimeline(self.keyings, look.time_s)
         return True
 
@@ -95,7 +97,7 @@ class Listening:
         if look is None or look.pose is None:
             return None
         (a, b, c), (x, y, z) = self._options.gains, (look.impairment or _SOUND).gains
-        a, b, c = a * x, b * y, c * z
+        a, b, c, of_carrier = a * x, b * y, c * z, self._of_carrier
         there, position, rotation = look.transmitters, look.pose.position, look.pose.rotation
         if len(there.ids) <= FEW and there.medium is AIR:
             north, east, down = position.tolist()
@@ -105,10 +107,12 @@ class Listening:
                 pn, pe, pd, *moment = there.dipoles[index]
                 _, hn, he, hd = one_field(north - pn, east - pe, down - pd, *moment)
                 x, y, z = (hn * n + he * e + hd * d for n, e, d in ((nx, ex, dx), (ny, ey, dy), (nz, ez, dz)))
-                return x * a, y * b, z * c
+                gain = of_carrier[index]
+                return x * a * gain, y * b * gain, z * c * gain
 
             return signal
-        every = [(x * a, y * b, z * c) for x, y, z in (there.field_at(position) @ rotation).tolist()]
+        fields = zip((there.field_at(position) @ rotation).tolist(), of_carrier, strict=True)
+        every = [(x * a * gain, y * b * gain, z * c * gain) for (x, y, z), gain in fields]
         return every.__getitem__
 
     def noise(self, sender: int) -> Vector:
@@ -144,7 +148,8 @@ class ListeningReceiver:
 
     def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
         self._options = options
-        self._display = Display(options, settings.kappa_eq)
+        law = settings.display.table if settings.display else None
+        self._display = Display(options, settings.kappa_eq, law)
         self._listening = Listening(settings, options, seed)
 
     @classmethod

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Final, Literal
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from arva_hil.model.receiver.paper import distance
@@ -35,6 +37,9 @@ class PulsedOptions:
     antennas: Annotated[Literal[1, 2, 3], "1: x; 2: x, y; 3: also z near by"] = 3
     third_within_m: Annotated[float, Ge(0), "the third antenna counts up to this distance [m]"] = 3.0
     gains: Annotated[tuple[float, float, float], "of the antennas x, y and z; 0 is a dead one"] = (1.0, 1.0, 1.0)
+    carrier_db: Annotated[
+        tuple[tuple[float, float], ...], "own sensitivity over the carrier's offset: [[Hz, dB], …], linear between"
+    ] = ()
     saturation_na_m: Annotated[float | None, Gt(0), "upper limit of each antenna [nA/m]"] = None
     start_s: Annotated[float, Ge(0), "from switching on until it receives [s]"] = 3.0
     steps: Annotated[Steps, "of d: digits is 0.1 m below 10 m, then 1 m, up to 99 m; or cm, up to 327.67 m"] = "digits"
@@ -51,6 +56,9 @@ class PulsedOptions:
     def __post_init__(self) -> None:
         if not all(0 <= gain <= 1 for gain in self.gains) or not any(self.gains):
             raise ValueError(f"gains {list(self.gains)}: expected three values in [0, 1], at least one above 0")
+        offsets = [hertz for hertz, _ in self.carrier_db]
+        if any(b <= a for a, b in pairwise(offsets)) or any(decibels > 0 for _, decibels in self.carrier_db):
+            raise ValueError(f"carrier_db {[list(one) for one in self.carrier_db]}: expected Hz that rise, dB up to 0")
         if self.saturation_na_m is not None and self.saturation_na_m <= self.threshold_na_m:
             raise ValueError(
                 f"saturation_na_m {self.saturation_na_m:g}: expected above threshold_na_m ({self.threshold_na_m:g})"
@@ -60,6 +68,13 @@ class PulsedOptions:
     def scale_na_m(self) -> float:
         """The field [nA/m] that is 1 in units of the reference transmitter (1 / 2π on its axis at 1 m)."""
         return self.reference_ua_m * _NA_PER_UA * 2 * math.pi * _REFERENCE_M**3
+
+    def carrier_gain(self, offset_hz: float) -> float:
+        """Return the gain for a carrier so far from 457 kHz."""
+        if not self.carrier_db:
+            return 1.0
+        hertz, decibels = zip(*self.carrier_db, strict=True)
+        return float(10 ** (np.interp(offset_hz, hertz, decibels) / 20))
 
     def sigma_na_m(self, floor_range_m: float) -> float:
         """Return the noise of each antenna: `noise_na_m`, or a third of the reference transmitter's field.

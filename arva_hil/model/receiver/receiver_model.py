@@ -113,7 +113,8 @@ class ReceiverSettings(Protocol):
     """The settings of a receiver in the scenario, for its model.
 
     `channels`: number of slots; `rate_hz`: of frames; `kappa_eq`, `sensitivity`, `noise`: see `Antennas`; `no_signal`:
-    (d, δ) of an empty slot; `options`: the model's `Options`, or None.
+    (d, δ) of an empty slot; `display`: its `table` is a `DisplayLaw`, None without an own law; `options`:
+    the model's `Options`, or None.
     """
 
     @property
@@ -128,6 +129,8 @@ class ReceiverSettings(Protocol):
     def noise(self) -> NoiseSettings: ...
     @property
     def no_signal(self) -> tuple[int, int]: ...
+    @property
+    def display(self) -> Any: ...
     @property
     def options(self) -> Any: ...
 
