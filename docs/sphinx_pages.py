@@ -33,6 +33,7 @@ ELSEWHERE: Final = {  # a page here → the document that is its text
     "reference/c": "firmware_proto/c/README.md",
     "reference/ardupilot-driver": "firmware_proto/ardupilot/arva_receiver.md",
     "reference/ardupilot-search": "firmware_proto/ardupilot/arva_search.md",
+    "reference/ardupilot-victim": "firmware_proto/ardupilot/arva_victim.md",
     "reference/px4-driver": "firmware_proto/px4/README.md",
     "contributing": "CONTRIBUTING.md",
     "changelog": "CHANGELOG.md",

@@ -94,6 +94,12 @@ sandbox.serial = {
          write = stubs.write,
       }
    end,
+   find_simulated_device = function(_, protocol, instance)
+      if protocol ~= 28 or not stubs.has_port(instance) then
+         return nil
+      end
+      return {writestring = function(_, text) for k = 1, #text do stubs.write(nil, text:byte(k)) end end}
+   end,
 }
 
 local function vector(x, y, z)
@@ -119,6 +125,12 @@ sandbox.ahrs = by_name({
    get_relative_position_NED_origin = function()
       if stubs.has_position then
          return vector(stubs.position[0], stubs.position[1], stubs.position[2])
+      end
+      return nil
+   end,
+   get_relative_position_NED_home = function()
+      if stubs.has_position then
+         return vector(stubs.position[0], stubs.position[1], stubs.position[2] - stubs.home_down)
       end
       return nil
    end,
