@@ -220,6 +220,7 @@ FORMATS: Final = Registry(
         "binary": "firmware_proto.binary:BINARY",
         "nmea": "firmware_proto.nmea:NMEA",
         "text": "firmware_proto.text:TEXT",
+        "handheld": "firmware_proto.handheld:HANDHELD",
         "vector": "firmware_proto.measured:VECTOR",
         "rssi": "firmware_proto.measured:RSSI",
         "tunnel": "arva_hil.emulator.formats:TUNNEL",

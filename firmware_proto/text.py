@@ -50,15 +50,21 @@ class TextDecoder(FrameDecoder):
         return frames
 
     def _frame(self, line: bytes) -> Frame | None:
+        channel = self._channel(line)
+        if channel is None:
+            return None
+        sequence = self.good % 256
+        self._count(sequence)
+        return Frame(sequence, 0, (channel,))
+
+    def _channel(self, line: bytes) -> Channel | None:
         fields = _LINE.fullmatch(line)
         if not fields:
             return None
         d, delta = int(fields[1]), int(fields[2])
         if min(d, delta) < -0x8000 or max(d, delta) > 0x7FFF:
             return None
-        sequence = self.good % 256
-        self._count(sequence)
-        return Frame(sequence, 0, (Channel(d=d, delta=delta),))
+        return Channel(d=d, delta=delta)
 
 
 TEXT: Final = Format(encode_text, TextDecoder, host=LINE_HOST)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.cli import common
 from arva_hil.cli.listen import guess_format
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.recorded import loaded, write
 from arva_hil.cli.run_links import choose_autopilot, session, signing
 from arva_hil.cli.summary import known_at_start, vehicle_entries
 from arva_hil.cli.terminal import tell
@@ -22,6 +24,8 @@ from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.url import Address, place
 from arva_hil.observers.console import Printer
+from arva_hil.records.fitting import FitError
+from arva_hil.records.fitting.noise_levels import LISTENS_TO_MOTORS, noise_levels, noise_profile
 from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceiverLog, Surveyed, surveyed_scenario
 from arva_hil.records.writing import Recorder, RecordError, RecordLayout
 from arva_hil.registry import FORMATS
@@ -67,15 +71,31 @@ def main(options: argparse.Namespace) -> int:
             end.close(error.code, str(error), live.counts())
             raise
         printer.settle()
-        return end.finish(INTERRUPTED if interrupted else OK, live.counts())
+        code = end.finish(INTERRUPTED if interrupted else OK, live.counts())
+    if options.noise:
+        write_noise(Path(options.folder))
+    return code
+
+
+def write_noise(folder: Path) -> None:
+    """Write the profile of the motors' noise into a record. Raises Failure."""
+    record = loaded(str(folder))
+    try:
+        levels = noise_levels(record)
+    except FitError as error:
+        raise Failure(FAILED, error) from None
+    write(folder / "noise.yaml", noise_profile(record, levels).encode())
+    for load, sigma in levels:
+        tell(f"load {100 * load:.0f} %: {sigma:.2g} nA/m")
 
 
 def surveyed(options: argparse.Namespace) -> Scenario:
     """Return the scenario of the surveyed transmitters. Raises UsageError."""
     try:
-        return surveyed_scenario([Surveyed(*one) for one in options.transmitter or ()])
+        scenario = surveyed_scenario([Surveyed(*one) for one in options.transmitter or ()])
     except ValueError as error:
         raise UsageError(f"--transmitter: {error}") from None
+    return replace(scenario, receiver=LISTENS_TO_MOTORS) if getattr(options, "noise", False) else scenario
 
 
 def receiver_log(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,8 +78,12 @@ def rehearse(
     wind: float = 3.0,
     seed: int = 1,
     more: Sequence[tuple[float, bytes]] = (),
+    throttle: Callable[[float], float] | None = None,
 ) -> Path:
-    """Fly, and leave a record. `latency_s`: of the receiver. `wind`: m/s. `more`: bytes on the receiver's line."""
+    """Fly, and leave a record. `latency_s`: of the receiver. `wind`: m/s. `more`: bytes on the receiver's line.
+
+    `throttle`: 0…1 over the time, which the vehicle reports; None: it does not.
+    """
     form = FORMATS[scenario.output_format]
     emulator = Emulator([one_vehicle(scenario, Session(passive=True))], start=0.0, tell_status=False)
     places = surveyed_scenario(surveyed)
@@ -93,10 +97,12 @@ def rehearse(
 
     on_the_way = [*more]
     heapq.heapify(on_the_way)
-    vehicle = _Vehicle(points, wind, seed)
+    vehicle, hud = _Vehicle(points, wind, seed), Encoder(1, 1)
     now, end_s = 0.0, points[-1].time_s
     while now <= end_s:
         data = vehicle.messages(now)
+        if throttle is not None:
+            data += hud.pack(dialect.MAVLink_vfr_hud_message(0.0, 0.0, 0, round(100 * throttle(now)), 0.0, 0.0))
         emulator.receive(AUTOPILOT, data, now)
         log.receive(AUTOPILOT, data, now)
         emulator.advance(now)

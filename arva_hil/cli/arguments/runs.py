@@ -109,6 +109,7 @@ def record(parser: CommandParser) -> None:
     parser.option("--receiver URL", "link to the receiver: /dev/ttyUSB0[,BAUD], tcp:HOST:PORT", link)
     shared.add_format(parser, default="binary")
     shared.add_surveyed(parser)
+    parser.option("--noise", "at the end write DIR/noise.yaml: the noise over the motors' load, of a vehicle at rest")
     shared.add_target(parser)
     shared.add_signing(parser)
     shared.add_max_age(parser)

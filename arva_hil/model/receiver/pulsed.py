@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 from typing import Annotated, ClassVar, Final
 
@@ -39,6 +40,8 @@ class PulsedReceiver(ListeningReceiver):
         )
         self._random = Random(seed)
         self._shown: tuple[float, Reading] | None = None  # valid until this time
+        self._coming: deque[tuple[float, Reading]] = deque()  # to the display, and when
+        self._displayed: Reading | None = None
         self._switch_on(0.0)
 
     def look(self, look: Look) -> bool:
@@ -46,6 +49,7 @@ class PulsedReceiver(ListeningReceiver):
         if self._listening.look(look):
             self._slots.forget()
         self._shown = None
+        self._displayed = self._displayed or self._reading(look.time_s)
         self._note_motion(look)
         self._test_itself(look)
         pulses = self._listening.pulses()
@@ -54,9 +58,19 @@ class PulsedReceiver(ListeningReceiver):
         searching = self.searching and look.time_s >= self._listens_s
         signals = self._listening.signals() if searching else None
         news = [self._hear(pulse, signals) for pulse in pulses]
+        if self._options.lag_s:
+            self._coming.append((look.time_s + self._options.lag_s, self._reading(look.time_s)))
         return any(news) and self._options.frames == "pulses"
 
     def show(self, time_s: float) -> Reading:
+        if not self._options.lag_s:
+            return self._reading(time_s)
+        while self._coming and self._coming[0][0] <= time_s:
+            self._displayed = self._coming.popleft()[1]
+        late = self._displayed or self._reading(time_s)
+        return replace(late, channels=with_true_ranges(late.channels, self._listening.ranges()))
+
+    def _reading(self, time_s: float) -> Reading:
         if self._shown is None or time_s >= self._shown[0]:
             slots, more, until_s = self._slots.shown(time_s)
             channels = with_true_ranges(slots, self._listening.ranges())

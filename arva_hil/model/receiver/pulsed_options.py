@@ -47,6 +47,7 @@ class PulsedOptions:
     directions: Annotated[int, Ge(0), Le(180), "number of arrows from −90° to 90°; 0: whole degrees"] = 0
     near_direction: Annotated[NearDirection, "δ where the third antenna counts: 0, or the last one"] = "zero"
     frames: Annotated[Frames, "at rate_hz, or one a received pulse and at least rate_hz"] = "rate"
+    lag_s: Annotated[float, Ge(0), Le(10), "the display is so late [s]"] = 0.0
     mark_within_m: Annotated[float, Ge(0), "a transmitter farther away cannot be marked [m]"] = 6.0
     self_test_m: Annotated[
         float | None, Gt(0), "its self-test fails when it starts nearer to a transmitter, or beside electronics [m]"

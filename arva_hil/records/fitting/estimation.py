@@ -241,7 +241,10 @@ class Estimation:
         start = self.scatter.theta
         simplex = np.vstack([start, *(start + 0.7 * row for row in np.eye(3))])
         found = minimize(
-            told, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": 60, "fatol": 0.05}
+            lambda theta: told(theta) + _out_of_bounds(theta),
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxfev": 60, "fatol": 0.05},
         )
         without = found.x.copy()
         without[2] = math.log(_LEAST_AGE_S)
@@ -254,8 +257,7 @@ class Estimation:
 
         def cost(theta: Floats) -> float:
             scatter = Scatter.of(theta)
-            wide = float((np.maximum(np.abs(theta - USUAL.theta) - 6, 0) ** 2).sum())  # keeps the search in bounds
-            total = 1e3 * wide + 2.0 * max(0.0, theta[2] - math.log(2.0)) ** 2
+            total = 2.0 * max(0.0, theta[2] - math.log(2.0)) ** 2
             for (part, predicted, linear, jacobian), of_gps in zip(problems, by_gps, strict=True):
                 matrix = own_covariance(part.flight, predicted, linear, scatter, part.bad) + of_gps
                 total += minus_log_likelihood(matrix, linear.residual, jacobian)
@@ -305,6 +307,11 @@ class Estimation:
         values, vectors = np.linalg.eigh(self._noise_information)
         result: Floats = (vectors / np.maximum(values, 1e-3)) @ vectors.T
         return result
+
+
+def _out_of_bounds(theta: Floats) -> float:
+    """Return a cost that keeps the search for the scatter in bounds."""
+    return float(1e3 * (np.maximum(np.abs(theta - USUAL.theta) - 6, 0) ** 2).sum())
 
 
 def _second_derivatives(cost: Callable[[Floats], float], at: Floats) -> Floats:

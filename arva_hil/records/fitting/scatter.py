@@ -85,7 +85,8 @@ def own_covariance(
     """Return the part that differs from reading to reading."""
     n = len(flight)
     cos, sin = np.cos(predicted.delta), np.sin(predicted.delta)
-    relative = 1 / predicted.shown
+    nearer = np.exp(3 * (np.log(flight.d_m) - predicted.log_d))  # by the reading: GPS errs, and noise goes with d³
+    relative = np.clip(nearer, 0.5, 2.0) / predicted.shown
     xx, yy = (scatter.x * relative) ** 2, (scatter.y * relative) ** 2
     d_step = np.where(flight.d_m < 10, *flight.d_step)
     of_d = (cos**2 * xx + sin**2 * yy) / 9 + (d_step / flight.d_m) ** 2 / 12 + _FLOOR**2
