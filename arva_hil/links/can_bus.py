@@ -9,9 +9,6 @@ import struct
 from collections.abc import Sequence
 from typing import Any, Final
 
-from dronecan.driver.common import AbstractDriver, CANFrame
-from dronecan.dsdl.common import crc16_from_bytes
-
 from arva_hil.links.base import LinkError
 
 _EXTENDED: Final = 1 << 31
@@ -64,11 +61,10 @@ def _cure(interface: str, channel: str, error: Exception) -> str:
     return "write can0 for SocketCAN, virtual:NAME, udp_multicast:ADDRESS or another interface of python-can"
 
 
-class PythonCanBus(AbstractDriver):  # type: ignore[misc]  # the package has no types
+class PythonCanBus:
     """A bus of python-can. Errors of the bus are raised as OSError."""
 
     def __init__(self, bus: Any, filters: Filters) -> None:
-        super().__init__()
         self._bus, self._filters = bus, filters
 
     def fileno(self) -> int | None:
@@ -77,10 +73,10 @@ class PythonCanBus(AbstractDriver):  # type: ignore[misc]  # the package has no 
             return fd if fd >= 0 else None
         return None
 
-    def send_frame(self, frame: Any) -> None:
+    def send(self, id_: int, data: bytes, extended: bool = False, canfd: bool = False) -> None:
         import can
 
-        message = can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=frame.extended)
+        message = can.Message(arbitration_id=id_, data=data, is_extended_id=extended)
         try:
             self._bus.send(message)
         except can.CanError as error:
@@ -88,8 +84,9 @@ class PythonCanBus(AbstractDriver):  # type: ignore[misc]  # the package has no 
                 raise BusFull from error
             raise OSError(str(error)) from error
 
-    def receive(self, timeout: float | None = None) -> Any:
+    def receive(self, timeout: float) -> Any:
         import can
+        from dronecan.driver.common import CANFrame
 
         while True:
             try:
@@ -107,11 +104,10 @@ class PythonCanBus(AbstractDriver):  # type: ignore[misc]  # the package has no 
         self._bus.shutdown()
 
 
-class MulticastBus(AbstractDriver):  # type: ignore[misc]
+class MulticastBus:
     """A bus of ArduPilot's simulator, which sends CAN frames by UDP multicast."""
 
     def __init__(self, number: int, filters: Filters) -> None:
-        super().__init__()
         self._filters = filters
         address, port, _ = _MULTICAST
         self._address = address.format(number), port
@@ -128,14 +124,19 @@ class MulticastBus(AbstractDriver):  # type: ignore[misc]
     def fileno(self) -> int:
         return self._in.fileno()
 
-    def send_frame(self, frame: Any) -> None:
-        body = struct.pack("<HI", 0, frame.id | (_EXTENDED if frame.extended else 0)) + bytes(frame.data)
+    def send(self, id_: int, data: bytes, extended: bool = False, canfd: bool = False) -> None:
+        from dronecan.dsdl.common import crc16_from_bytes
+
+        body = struct.pack("<HI", 0, id_ | (_EXTENDED if extended else 0)) + bytes(data)
         try:
             self._out.send(struct.pack("<HH", _MULTICAST[2], crc16_from_bytes(body)) + body)
         except BlockingIOError as error:
             raise BusFull from error
 
-    def receive(self, timeout: float | None = None) -> Any:
+    def receive(self, timeout: float) -> Any:
+        from dronecan.driver.common import CANFrame
+        from dronecan.dsdl.common import crc16_from_bytes
+
         while True:
             try:
                 data, sender = self._in.recvfrom(2048)

@@ -9,6 +9,7 @@ import re
 from typing import Any, Final, NamedTuple
 
 from arva_hil.links.base import Link, LinkError, Opening
+from arva_hil.links.can_bus import BusFull, open_bus
 from arva_hil.links.url import Address, AddressError
 
 _EXAMPLE: Final = "can:SERIAL0,node=42,bus=can0"
@@ -66,11 +67,10 @@ class DroneCanLink(Link):
     def open(cls, address: Address, how: Opening) -> Link:
         tunnel = tunnel_of(address)
         try:
-            from arva_hil.links.can_bus import open_bus
+            return cls(str(address), tunnel, open_bus(tunnel.bus, _filters(tunnel.node)))
         except ModuleNotFoundError as error:
             missing = f"needs the package {error.name}, which is missing"
             raise LinkError(str(address), missing, "pip install 'arva-hil[can]'") from None
-        return cls(str(address), tunnel, open_bus(tunnel.bus, _filters(tunnel.node)))
 
     def __init__(self, name: str, tunnel: Tunnel, bus: Any) -> None:
         import dronecan
@@ -95,8 +95,6 @@ class DroneCanLink(Link):
         return data
 
     def write(self, data: bytes) -> bool:
-        from arva_hil.links.can_bus import BusFull
-
         self._check_open()
         self._spin()
         try:
@@ -125,8 +123,6 @@ class DroneCanLink(Link):
 
     def _spin(self) -> None:
         """Use the frames that have arrived, and send the status of the node when it is due."""
-        from arva_hil.links.can_bus import BusFull
-
         while True:
             try:
                 self._node.spin(0)

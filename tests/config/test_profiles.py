@@ -112,7 +112,7 @@ def test_what_does_not_fit_together_is_said_at_the_profile_s_name(tmp_path: Path
         ("medium: {dipole: round}", "expected one of static, full"),
         ("medium: {snow_conductivity_s_m: -1}", "expected a number from 0 to 10"),
         ("receiver: {vehicle_noise: {motors: []}}", "expected a list of 1 to 16 places"),
-        ("receiver: {vehicle_noise: {motor_na_m: 3}}", "no motors"),
+        ("receiver: {vehicle_noise: {motor_na_m: 3}}", "neither, expected motors, or levels"),
         ("receiver: {model: rssi, revert_s: 60}", "revert_s 60, expected model: pulsed or vector, which have it"),
         ("receiver: {model: rssi, self_test_m: 5}", "self_test_m 5, expected model: pulsed or vector, which have it"),
         ("receiver: {model: pulsed, saturation_na_m: 1}", "saturation_na_m 1, expected above threshold_na_m (2.25)"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from random import Random
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 
 from arva_hil.clock import RealClock
 from arva_hil.links import AddressError, Link, LinkError, open_link
+from arva_hil.links.can_bus import open_bus
 from arva_hil.links.reconnecting import open_reconnecting
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.every import every
@@ -17,7 +19,6 @@ from tests.links.links_waiting import receive
 
 can = pytest.importorskip("can")
 dronecan = pytest.importorskip("dronecan")
-open_bus = pytest.importorskip("arva_hil.links.can_bus").open_bus
 
 Keep = Callable[[Link], Link]
 FRAME = encode(Frame(7, 1, (Channel(1, 1, 1905, 22), Channel())))
@@ -98,6 +99,12 @@ def test_a_bus_that_is_lost_is_opened_again(keep: Keep) -> None:
         receiver.write(FRAME)
         receiver.read()
     assert receive(autopilot, len(FRAME)).startswith(FRAME)
+
+
+def test_a_missing_package_is_an_error_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "can", None)
+    with pytest.raises(LinkError, match=r"needs the package can, which is missing; pip install 'arva-hil\[can\]'"):
+        open_link("can:SERIAL0,node=42", clock=RealClock())
 
 
 @every(
