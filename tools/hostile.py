@@ -39,8 +39,8 @@ from tools.fuzz.enemy import HOME, Enemy, beat
 
 FRAME = LocalFrame(*HOME)
 KEY = hashlib.sha256(b"ours").digest()
-STEP_S = 0.02  # between what the vehicle says
-BURST = 500  # packets in between
+STEP_S = 0.02  # between packets of the vehicle
+BURST = 500  # packets of others in between
 GROWTH_KB = 1024
 
 
@@ -68,7 +68,7 @@ class Bench:
         self.now = 1000.0
         self.wrong: Counter[str] = Counter()
         self.poses = 0
-        self.past: deque[bytes] = deque(maxlen=1000)  # what the vehicle has said
+        self.past: deque[bytes] = deque(maxlen=1000)  # packets of the vehicle
         self.session = Session(target_system=1, signing=Signing(key, 1_700_000_000_000_000) if key else None)
         self._vehicle = Encoder(1, 1, signing=Signing(key, 1_700_000_000_000_000) if key else None)
         self._steps = 0
@@ -81,7 +81,7 @@ class Bench:
 
     @property
     def boot(self) -> float:
-        """Its time [s]."""
+        """The vehicle's time [s]."""
         return self.now - 900
 
     def fly(self) -> None:
@@ -98,9 +98,9 @@ class Bench:
         self._check("lost its pose")
 
     def hear(self, data: bytes) -> None:
-        """What others say; it must change nothing.
+        """Send packets of others; they must change nothing.
 
-        Zeros behind it: or a false start of a packet in it would hold up what the vehicle says next.
+        Zeros follow, so that a false start of a packet does not delay the vehicle's next packet.
         """
         before = self.session.navigation.track.last_position, self.session.vehicle, self.session.navigation.home
         self.session.feed(data + bytes(300), self.now)
@@ -198,7 +198,7 @@ def measure_cost(numbers: random.Random) -> bool:
 
 
 def replay_after_restarts(numbers: random.Random, restarts: int) -> bool:
-    """One vehicle, one key, one file of time stamps, all that the vehicle has said; programs that come and go."""
+    """Replay all packets of a vehicle to restarted programs with one key and one file of time stamps."""
     started_us = 1_700_000_000_000_000
     vehicle = Signing(KEY, started_us)
     encoder = Encoder(1, 1, signing=vehicle)

@@ -86,14 +86,14 @@ def long_run(options: argparse.Namespace, folder: Path) -> bool:
 
 
 def pseudo_terminals(stack: ExitStack, clock: Clock) -> tuple[Link, Link, Link, Link]:
-    """The autopilot's line and the receiver's: near end, far end; and the same again."""
+    """Return the lines of autopilot and receiver: near end, far end of each."""
     fc, port = (stack.enter_context(closing(PtyLink())) for _ in range(2))
     autopilot, reader = (stack.enter_context(closing(open_link(p.path, clock=clock))) for p in (fc, port))
     return autopilot, fc, port, reader
 
 
 class Pilot:
-    """Takes off and flies round and round a square."""
+    """A pilot that takes off and flies squares."""
 
     links: Sequence[Link] = ()
 
@@ -147,7 +147,7 @@ class Consumer:
 
 
 class Watch:
-    """Remembers the last frame, how late frames were, how many met a fault, and what memory was."""
+    """Remembers the last frame, the lateness of frames, the number with a fault, and the memory."""
 
     def __init__(self) -> None:
         self.last: FrameMade | None = None
@@ -163,7 +163,7 @@ class Watch:
 
 
 class Memory:
-    """Looks at the process's resident memory once a minute of the run's time."""
+    """Measures the process's resident memory once a minute of the run's time."""
 
     links: Sequence[Link] = ()
 

@@ -48,9 +48,9 @@ from tests.simulated_px4 import HOLD, STREAMS, Px4
 from tools.sitl.relay import orders
 
 KINDS = ("pause", "end", "climb", "other")
-LIMIT_S = 4.0  # of a search that hears nothing: then it lands
+LIMIT_S = 4.0  # limit of a search without a signal: then it lands
 DEADLINE_S = 60.0
-AFTERWARDS_S = 1.0  # listened to after the program has ended
+AFTERWARDS_S = 1.0  # read the link for this time after the end of the program
 MUCH = (
     dialect.MAVLINK_MSG_ID_ATTITUDE,
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
@@ -61,7 +61,7 @@ Vehicle = SimulatedVehicle | Px4
 
 
 class Result(NamedTuple):
-    """`late`: orders after the bound. `last_ms`: the last order behind the word that should have ended them all.
+    """`late`: orders after the bound. `last_ms`: delay of the last order after the report that ends all orders.
 
     `kept`: the vehicle was left in the pilot's mode, or the other vehicle alone.
     """
@@ -81,8 +81,8 @@ class Bench:
         self.vehicle = vehicle
         self.clock = clock
         self.err = ""
-        self.word_s: float | None = None  # when it has said what ends all orders
-        self.last_s: float | None = None  # when the last order had not come yet
+        self.word_s: float | None = None  # time of the report that ends all orders
+        self.last_s: float | None = None  # latest time without the last order
         self.late = 0
         self.pilots_mode = -1
         self.silent = False
@@ -127,7 +127,7 @@ class Bench:
         self.until(lambda: self.clock.now() >= end)
 
     def ends(self) -> None:
-        """Until the program has ended, and a moment longer."""
+        """Wait until the program has ended, and a moment longer."""
         self.until(lambda: self._program.poll() is not None)
         self.wait(AFTERWARDS_S)
 
@@ -139,7 +139,7 @@ class Bench:
         self.vehicle.feed(Encoder(255, 190).pack(order), self.clock.now())
 
     def say_much(self) -> None:
-        """Some 20 kB/s, as PX4 does: more than is read at once waits behind a pause, or is lost."""
+        """Send 20 kB/s, like PX4: after a pause more waits than one read returns, or is lost."""
         for msgid in MUCH:
             order = command(1, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, msgid, 8_000)
             self.vehicle.feed(Encoder(255, 190).pack(order), self.clock.now())
@@ -149,7 +149,7 @@ class Bench:
         return self.vehicle.mode if isinstance(self.vehicle, Px4) else int(self.vehicle._pilot.mode)
 
     def _step(self) -> None:
-        """Move the vehicle on, pass on what was said; at most a few milliseconds."""
+        """Advance the vehicle, and forward messages; at most a few milliseconds."""
         now = self.clock.now()
         data = b"".join(chunk for _, chunk in self._link.receive())
         if data and not self.silent:
@@ -181,14 +181,14 @@ class Bench:
                     self.word_s = self.clock.now()
 
     def _note_order(self, message: Any) -> None:
-        """It came since the link was last found empty: so late it was at least."""
+        """Record an order with its least lateness: it came after the link was last empty."""
         if orders(message) and self.word_s is not None:
             self.last_s = self._empty_s
             self.late += self._empty_s > self.word_s + BOUND_MS / 1e3
 
 
 def fly(kind: str, seed: int) -> Result:
-    """One run."""
+    """Fly one run."""
     numbers, clock = random.Random(f"{kind} {seed}"), RealClock()
     with bench(kind, numbers, clock) as b:
         begins = "the search begins"

@@ -158,7 +158,7 @@ def overlaps(trials: int = 3000) -> Iterator[Row]:
             yield Row(f"a pair overlaps for a minute, {n} × {name}", made.p60[n - 2], p60, 0.03, source)
 
 
-# The vehicle, and what lies between
+# The vehicle, and the medium
 
 
 def vehicle() -> Iterator[Row]:
@@ -200,7 +200,7 @@ def medium() -> Iterator[Row]:
 
 
 def continuity(poses: int = 200) -> Iterator[Row]:
-    """In how many random poses the integers are not the paper's: no noise, one set, hovering, after two pulses."""
+    """Return the number of poses with other integers than the paper's: one set, no noise, hovering, two pulses."""
     rng, different = np.random.default_rng(1), 0
     for _ in range(poses):
         place, (sets_turn, turn) = rng.uniform(-45, 45, 3), Rotation.random(2, rng).as_matrix()
@@ -219,7 +219,7 @@ def continuity(poses: int = 200) -> Iterator[Row]:
 
 
 def presses(presses: int = 1000) -> Iterator[Row]:
-    """Two modern sets side by side, one marked as found at random times: how often the first press works."""
+    """Return how often the first press works: two modern sets side by side, one marked as found at random times."""
     random, done = np.random.default_rng(1), 0
     kind = KEYING_CLASSES["modern"]
     for trial in range(presses // 20):

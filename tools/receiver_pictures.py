@@ -27,7 +27,7 @@ THRESHOLD_NA_M: Final = 2.25
 
 
 def bounce(figure: Figure) -> None:
-    """What a display shows of single pulses, on the axis and beside it."""
+    """Draw the readings of single pulses, on the axis and beside it."""
     figure.set_figheight(6)
     axes = figure.add_subplot()
     chosen = options(noise_na_m=SIGMA_NA_M, threshold_na_m=THRESHOLD_NA_M)
@@ -50,7 +50,7 @@ def bounce(figure: Figure) -> None:
 
 
 def overlap(figure: Figure) -> None:
-    """When the sets of four people send, of two classes."""
+    """Draw the pulses of four people's sets, of two classes."""
     figure.set_figheight(5)
     for axes, name in zip(figure.subplots(2, sharex=True), ("analogue", "modern"), strict=True):
         every = [one.pulses(0.0, 20.0) for one in sets(KEYING_CLASSES[name], 4, 3)]

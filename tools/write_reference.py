@@ -67,7 +67,7 @@ def page() -> str:
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
-    """Three columns, so that a page shows the meaning without scrolling."""
+    """Yield three columns, so that the meaning is visible without scrolling."""
     yield "| key | value | meaning |"
     yield "|---|---|---|"
     for row in rows:
@@ -79,19 +79,19 @@ def _table(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
 
 
 def _short(kind: str, allowed: str) -> str:
-    """A kind of value without its article; nothing where the range says enough."""
+    """Return a kind of value without its article; "" if the range is enough."""
     plain = re.sub(r"^(a|an) ", "", kind)
     return "" if plain == "mapping" or (plain == "number" and allowed) else plain
 
 
 def _brief(allowed: str) -> str:
-    """A range as FROM…TO or ±TO; a range above a number, without that number, as >FROM…TO."""
+    """Return a range as FROM…TO or ±TO; a range above a number, without that number, as >FROM…TO."""
     text = re.sub(r"from -(\S+) to \1(?=;|$)", r"±\1", allowed)
     return re.sub(r"from (\S+) to (\S+)", r"\1…\2", re.sub(r"above (\S+), at most (\S+)", r">\1…\2", text))
 
 
 def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]]:
-    """Key, type, range, unit, default and meaning of every key of a table, and of those below it."""
+    """Yield key, type, range, unit, default and meaning of every key of a table, and of those below it."""
     for name, one in keys(cls).items():
         if cls is ReceiverEntry and name in keys(ReceiverOptions):
             continue
@@ -107,13 +107,13 @@ def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]
 
 
 def _angle(cls: Any) -> tuple[str, str, str]:
-    """The range, unit and default that the three angles have in common."""
+    """Return the common range, unit and default of the three angles."""
     one = keys(cls)["roll"]
     return one.constraint.range, one.constraint.unit, _default(one)
 
 
 def _model_table(model: str) -> Iterator[str]:
-    """The own keys of a receiver model."""
+    """Yield the table of a receiver model's own keys."""
     yield "| key | default | meaning |"
     yield "|---|---|---|"
     for name, (default, text) in _own_keys(model).items():
@@ -121,7 +121,7 @@ def _model_table(model: str) -> Iterator[str]:
 
 
 def _defaults(model: str) -> Iterator[str]:
-    """What a model has otherwise than `pulsed`."""
+    """Yield the defaults of a model that differ from those of `pulsed`."""
     usual = _own_keys("pulsed")
     others = [
         f"`{name}: {value}`"
@@ -132,7 +132,7 @@ def _defaults(model: str) -> Iterator[str]:
 
 
 def _own_keys(model: str) -> dict[str, tuple[str, str]]:
-    """Default and meaning of each own key of a model."""
+    """Return default and meaning of each own key of a model."""
     cls = RECEIVERS[model].Options
     texts = get_type_hints(cls, include_extras=True)
     return {
@@ -145,14 +145,14 @@ def _own_keys(model: str) -> dict[str, tuple[str, str]]:
 
 
 def _default(one: Field) -> str:
-    """The default of a key as a file has it."""
+    """Return the default of a key in the form of files."""
     if one.default in (None, (None,), (), math.inf) or (isinstance(one.constraint, TableOf) and one.default != "home"):
         return ""
     return f"`{plain(one.default)}`"
 
 
 def plain(value: Any) -> str:
-    """A value as a file has it."""
+    """Return a value in the form of files."""
     if isinstance(value, range):
         return str(len(value))
     if isinstance(value, tuple):

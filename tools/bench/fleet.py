@@ -105,8 +105,8 @@ def _is_good(flown: Flown) -> bool:
 
 
 def fly(count: int, seconds: float, *, trouble: bool = False) -> Flown:
-    """So many vehicles for so long, in a process on one core. `trouble`: the first one floods its link, the second
-    one's link breaks, nobody reads the third one's port; lateness and losses are of the others."""
+    """Run `count` vehicles for `seconds` in a process on one core. `trouble`: the first one floods its link, the second
+    one's link breaks, and no program reads the third one's port; lateness and losses are of the others."""
     context: Any = multiprocessing.get_context("spawn")
     near_end, far_end = context.Pipe()
     done = context.Queue()
@@ -122,7 +122,7 @@ def fly(count: int, seconds: float, *, trouble: bool = False) -> Flown:
 
 
 def scenario(count: int) -> Scenario:
-    """One receiver a vehicle; the links are opened by who flies it."""
+    """Return a scenario with one receiver a vehicle; the caller opens the links."""
     lines = ["spec: 2", "transmitters: [{id: 1, ned: [20, 5, 0]}]", "vehicles:"]
     for system in range(1, count + 1):
         port = f"{{name: r, port: '/dev/v{system}', rate_hz: {FRAMES_HZ}}}"
@@ -214,7 +214,7 @@ def _packets(encoder: Encoder, n: int) -> bytes:
 
 
 def _play(count: int, seconds: float, trouble: bool, ours: Any) -> None:
-    """The far end: every vehicle's poses, spread over the period, and a reader of all frames."""
+    """Play the far end: every vehicle's poses, spread over the period, and a reader of all frames."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     ticks = round((seconds + _WARM_S + 2) * POSE_HZ)
     encoders = [Encoder(1 + system % 250, 1) for system in range(1, count + 1)]
@@ -257,7 +257,7 @@ def _play(count: int, seconds: float, trouble: bool, ours: Any) -> None:
 
 
 def _line() -> tuple[int, int]:
-    """A new pseudo-terminal: its master, and its slave, which stays open."""
+    """Return a new pseudo-terminal: its master, and its slave, which stays open."""
     master, slave = os.openpty()
     tty.setraw(slave)
     os.set_blocking(master, False)

@@ -57,11 +57,11 @@ class Motion:
         self._frame = LocalFrame(*self.home)
 
     def at(self, t: float) -> tuple[Any, Rotation]:
-        """NED position [m] from home, and the attitude, `t` seconds into the flight."""
+        """Return NED position [m] from home and attitude, `t` seconds into the flight."""
         return self._position(t), self._attitude(t)
 
     def packets(self, t: float) -> bytes:
-        """Position and attitude as an autopilot would send them; `t` in whole milliseconds."""
+        """Return the packets of position and attitude; `t` in whole milliseconds."""
         ned, velocity = self._position(t), self._position(t, 1)
         lat, lon, alt = self._frame.lla(ned)
         yaw, pitch, roll = self._attitude(t).as_euler("ZYX")
@@ -74,7 +74,7 @@ class Motion:
         return _AUTOPILOT.pack(position) + _AUTOPILOT.pack(attitude)
 
     def beat(self) -> bytes:
-        """Heartbeat and home."""
+        """Return heartbeat and home."""
         lat, lon, alt = self.home
         heartbeat = dialect.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3)
         home = dialect.MAVLink_home_position_message(
@@ -84,7 +84,7 @@ class Motion:
 
 
 def _play(motion: Motion, seconds: float, started: Any) -> None:
-    """The far end, in its own process: the motion on a new pty, in real time. Tells the path, and when it began."""
+    """Play the motion on a new pty in real time, in its own process. Sends the path and the start."""
     times = np.arange(0, seconds, 1 / POSES_HZ).round(3)
     packets = [(motion.beat() if n % POSES_HZ == 0 else b"") + motion.packets(t) for n, t in enumerate(times)]
     clock = RealClock()
@@ -98,7 +98,7 @@ def _play(motion: Motion, seconds: float, started: Any) -> None:
 
 
 def origin(clock: RealClock) -> float:
-    """The monotonic time at which a clock read 0; looked at again until nothing came between the two looks."""
+    """Return the monotonic time at which a clock read 0, measured until no delay falls between the two reads."""
     while True:
         before, there, after = clock.now(), time.monotonic(), clock.now()
         if after - before < 1e-4:
@@ -107,7 +107,7 @@ def origin(clock: RealClock) -> float:
 
 @contextmanager
 def playing(motion: Motion, seconds: float) -> Iterator[tuple[str, float]]:
-    """The pty that the motion is played on, and the monotonic time at which it began."""
+    """Yield the pty of the motion, and the monotonic time of its start."""
     started: Any = multiprocessing.Queue()
     player = multiprocessing.Process(target=_play, args=(motion, seconds, started), daemon=True)
     player.start()

@@ -56,7 +56,7 @@ def _emulate(device: str, port: str, seconds: float, started: Any) -> None:
 
 
 def _frames(motion: Motion, seconds: float) -> list[float]:
-    """ms, of each frame that a pose came right before."""
+    """Return the latency [ms] of each frame directly after a pose."""
     late = []
     with closing(PtyLink()) as far, closing(PtyLink()) as port:
         started: Any = multiprocessing.Queue()
@@ -69,17 +69,17 @@ def _frames(motion: Motion, seconds: float) -> list[float]:
             packets = (motion.beat() if n % _HZ == 0 else b"") + motion.packets(round(n / _HZ, 3))
             _until(instant - _BEFORE_S)
             far.read()
-            port.read()  # a frame that came while this program was held up
+            port.read()  # discard a frame that came during a delay of this program
             far.write(packets)
             sent = time.monotonic()
-            if sent > instant:  # held up again
+            if sent > instant:  # delayed again
                 continue
             if select.select([fd], [], [], 1.0)[0]:
                 late.append(1e3 * (time.monotonic() - instant))
                 port.read()
         child.terminate()
         child.join()
-    return late[round(2 * _HZ) :]  # not what is asked for at the start
+    return late[round(2 * _HZ) :]  # without the start
 
 
 def _until(instant: float) -> None:
@@ -95,7 +95,7 @@ def _echo(path: str) -> None:
 
 
 def _echoes(times: int) -> list[float]:
-    """ms, there and back through a process that writes what it reads."""
+    """Return the times [ms] there and back through an echo process."""
     taken = []
     with closing(PtyLink()) as link:
         child = multiprocessing.Process(target=_echo, args=(link.path,), daemon=True)

@@ -25,7 +25,7 @@ from tools.bench.timing import COMMAND, cpu_of, cpu_of_command
 _TIMES: Final = 5_000
 _TOGETHER: Final = 20_000  # readings
 _BAUD: Final = 115_200
-_NO_REACH: Final = math.inf  # these rows tell a limit, and promise nothing
+_NO_REACH: Final = math.inf  # these rows give a limit, and promise nothing
 
 
 def rows(flight: Path) -> Iterator[Row]:
@@ -57,7 +57,7 @@ def rows(flight: Path) -> Iterator[Row]:
 
 
 def _through_a_pty(data: bytes) -> float:
-    """Seconds of CPU, there and back; both ends in this process."""
+    """Return seconds of CPU there and back; both ends are in this process."""
     with closing(PtyLink()) as near:
         far = os.open(near.path, os.O_RDWR | os.O_NOCTTY)
         try:
@@ -72,7 +72,7 @@ def _through_a_pty(data: bytes) -> float:
 
 
 def _packets(flight: Path) -> tuple[float, float, int]:
-    """µs of CPU for all packets of a log, to the pose track and by the parser alone; and how many there are."""
+    """Return µs of CPU for all packets of a log, to the pose track and by the parser alone; and their number."""
     records = [record.raw for record in TlogReader(flight)]
 
     def take(use: bool) -> None:

@@ -15,8 +15,8 @@ from tools.bench.flight import Motion, bare, playing
 from tools.bench.table import Row, ratio
 from tools.bench.timing import figures_of
 
-_TURNS: Final = 4  # ours and the peer's, one after the other: both meet the same minutes of the machine
-_LEAST: Final = 100  # frames: of fewer, p99 is the worst one
+_TURNS: Final = 4  # ours and the peer's in turn, so that both have the same load of the machine
+_LEAST: Final = 100  # least number of frames; with fewer the p99 is the worst one
 
 _READ = """
 import sys, time
@@ -49,7 +49,7 @@ def rows(flight: Path, seconds: float) -> Iterator[Row]:
 
 
 def _lateness(motion: Motion, hz: float, seconds: float, *, busy: bool) -> Row:
-    """p99 of our lateness, beside that of a loop that does nothing, and 0.3 ms."""
+    """Return the row of our p99 lateness, beside that of an idle loop and 0.3 ms."""
     turn_s, late, idle = max(seconds, _LEAST / hz) / _TURNS, list[float](), list[float]()
     other = subprocess.Popen(_BUSY) if busy else None
     try:
@@ -67,6 +67,6 @@ def _lateness(motion: Motion, hz: float, seconds: float, *, busy: bool) -> Row:
 
 
 def _fly(device: str, hz: float, seconds: float) -> tuple[float, list[float]]:
-    """The loop's CPU time, s, and how late each frame was, ms; in a process of its own, as the peer."""
+    """Return the loop's CPU time [s] and the lateness of each frame [ms], in a process of its own like the peer."""
     cpu_s, *late_ms = figures_of("-m", "tools.bench.alone", device, str(hz), str(seconds))
     return cpu_s, late_ms

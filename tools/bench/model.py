@@ -85,7 +85,7 @@ def rows() -> Iterator[Row]:
 
 
 def _check_integers(points: Array, turns: Array, there: Transmitters) -> None:
-    """All readings are those of one look after another."""
+    """Check that all readings equal those of single looks."""
     every = np.stack(readings(points, turns, there), axis=2).tolist()
     receiver = PaperReceiver(Antennas(), M)
     for i, (point, turn, expected) in enumerate(zip(points, turns, every, strict=True)):

@@ -12,12 +12,12 @@ COMMAND = [sys.executable, "-m", "arva_hil"]
 
 
 def cpu_of(work: Callable[[], object], times: int = 3) -> float:
-    """Seconds of this process."""
+    """Return the CPU seconds of a function in this process."""
     return min(_once(work, time.process_time) for _ in range(times))
 
 
 def wall_of(work: Callable[[], object], times: int = 3) -> float:
-    """Seconds on the wall: of work that several cores do."""
+    """Return the wall time [s] of work on several cores."""
     return min(_once(work, time.perf_counter) for _ in range(times))
 
 
@@ -28,7 +28,7 @@ def _once(work: Callable[[], object], clock: Callable[[], float]) -> float:
 
 
 def cpu_of_command(command: Sequence[str], times: int = 5) -> float:
-    """Seconds of a process of its own, start-up included. Raises CalledProcessError when it fails."""
+    """Return the CPU seconds of a command, with its start-up. Raises CalledProcessError if it fails."""
     return min(_once_command(command) for _ in range(times))
 
 
@@ -40,11 +40,11 @@ def _once_command(command: Sequence[str]) -> float:
 
 
 def wall_of_command(command: Sequence[str]) -> float:
-    """Seconds on the wall of one run of it. Raises CalledProcessError when it fails."""
+    """Return the wall time [s] of one run of a command. Raises CalledProcessError if it fails."""
     return _once(lambda: subprocess.run(command, check=True, capture_output=True), time.perf_counter)
 
 
 def figures_of(*arguments: str) -> list[float]:
-    """The numbers that a Python program prints in its last line. Raises CalledProcessError when it fails."""
+    """Return the numbers in the last line of a Python program's output. Raises CalledProcessError if it fails."""
     done = subprocess.run([sys.executable, *arguments], check=True, capture_output=True, text=True)
     return [float(figure) for figure in done.stdout.splitlines()[-1].split()]

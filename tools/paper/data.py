@@ -29,13 +29,13 @@ SEED: Final = 457
 
 
 def field(places: ArrayLike) -> Array:
-    """The field (..., 2), east and north, at places (..., 2) of the horizontal plane."""
+    """Return the field (..., 2), east and north, at places (..., 2) of the horizontal plane."""
     h: Array = _field(_ned(places))[..., 1::-1]
     return h
 
 
 def flux_lines(apexes: ArrayLike) -> Array:
-    """Flux lines (K, N, 2) that cross the equator `apexes` (K,) metres north of the transmitter, end to end.
+    """Return flux lines (K, N, 2) that cross the equator `apexes` (K,) metres north of the transmitter, end to end.
 
     Traced through the model's field, a step being a share of the distance: to 0.3 % of the apex at either end.
     """
@@ -56,14 +56,14 @@ def flux_lines(apexes: ArrayLike) -> Array:
 
 
 def _slope(p: Array) -> Array:
-    """The field's direction, as long as the way to the transmitter."""
+    """Return the field's direction, with the length of the distance to the transmitter."""
     h = field(p)
     slope: Array = h / np.linalg.norm(h, axis=-1, keepdims=True) * np.linalg.norm(p, axis=-1, keepdims=True)
     return slope
 
 
 def iso_power_line(d: float, count: int = 361) -> Array:
-    """Where the field is as strong as a level receiver without noise shows as `d` metres: (count, 2), closed."""
+    """Return the line on which a level receiver without noise reads `d` metres: (count, 2), closed."""
     bearing = np.linspace(0, 2 * np.pi, count)
     unit = np.stack([np.sin(bearing), np.cos(bearing)], axis=-1)
     power = np.linalg.norm(field(unit), axis=-1, keepdims=True)
@@ -75,7 +75,7 @@ def iso_power_line(d: float, count: int = 361) -> Array:
 
 
 def poses(n: int, rng: np.random.Generator, level: bool, farthest: float = 90.0) -> tuple[Array, Array]:
-    """Places (n, 3) in NED and R_r (n, 3, 3) of n receivers, true distances uniform up to `farthest` metres.
+    """Return places (n, 3) in NED and R_r (n, 3, 3) of n receivers, true distances uniform up to `farthest` metres.
 
     `level`: in the dipole's horizontal plane, at any bearing, level, with any heading. Otherwise in any direction
     in space and turned in any way, both uniform on their sphere.
@@ -90,23 +90,23 @@ def poses(n: int, rng: np.random.Generator, level: bool, farthest: float = 90.0)
 
 
 def readings(places: Array, R_r: Array, seed: int, antennas: Antennas = ANTENNAS) -> tuple[Ints, Ints, Ints]:
-    """(d in cm, δ in degrees, `Zone`), each (n,), at places (n, 3) and attitudes (n, 3, 3), with noise.
+    """Return (d in cm, δ in degrees, `Zone`), each (n,), at places (n, 3) and attitudes (n, 3, 3), with noise.
 
-    What a `Receiver` with the same seed says, taken through them in turn.
+    They are those of a `Receiver` with the same seed at these places in turn.
     """
     d_cm, delta_deg, zone = maps.readings(places, R_r, TRANSMITTER, antennas, seed=seed)
     return d_cm[:, 0], delta_deg[:, 0], zone[:, 0]
 
 
 def distances(n: int, level: bool, seed: int = SEED) -> tuple[Array, Array]:
-    """(true distance, d), each (n,), metres, of n random poses; d is −1 where nothing is heard."""
+    """Return (true distance, d), each (n,), metres, of n random poses; d is −1 without a signal."""
     places, R_r = poses(n, np.random.default_rng(seed), level)
     d_cm, _, zone = readings(places, R_r, seed)
     return np.linalg.norm(places, axis=-1), np.where(zone == Zone.OUTER, -1.0, d_cm / 100)
 
 
 def share_heard(distance: Array, d: Array, edges: Array) -> Array:
-    """Share of the poses that is heard between each two of the edges, metres; NaN where there is no pose."""
+    """Return the share of poses with a signal between each two edges, metres; NaN without a pose."""
     every, heard = (np.histogram(x, edges)[0] for x in (distance, distance[d >= 0]))
     share: Array = np.divide(heard, every, out=np.full(len(every), np.nan), where=every > 0)
     return share
@@ -117,22 +117,22 @@ def share_heard(distance: Array, d: Array, edges: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What level receivers, each with a heading of its own, show at N places of the horizontal plane."""
+    """The readings of level receivers, each with its own heading, at N places of the horizontal plane."""
 
     places: Array  # (N, 2) east, north
     ways: Array  # (N, 2) of length 1: heading and δ; 0 where no δ is given
-    d: Array  # (N,) metres; −1 where nothing is heard
+    d: Array  # (N,) metres; −1 without a signal
     zones: Ints  # (N,)
 
 
 def grid(east: float, north: float, step: float) -> Array:
-    """Places (N, 2), `step` metres apart, out to ± `east` and ± `north`."""
+    """Return places (N, 2), `step` metres apart, out to ± `east` and ± `north`."""
     x, y = (np.arange(-(half // step), half // step + 1) * step for half in (east, north))
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
 def directions(places: Array, seed: int = SEED, antennas: Antennas = ANTENNAS) -> Shown:
-    """The directions shown at places (N, 2), with noise; of a direction's two senses, the field's own."""
+    """Return the directions at places (N, 2), with noise; of the two senses that of the field."""
     heading = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(places))
     d_cm, delta, zones = readings(_ned(places), to_matrix(from_euler(0, 0, heading)), seed, antennas)
     azimuth = heading + np.radians(delta)
@@ -143,7 +143,7 @@ def directions(places: Array, seed: int = SEED, antennas: Antennas = ANTENNAS) -
 
 
 def _ned(places: ArrayLike) -> Array:
-    """NED (..., 3) of places (..., 2)."""
+    """Return NED (..., 3) of places (..., 2)."""
     places = np.asarray(places, float)
     return np.stack([places[..., 1], places[..., 0], np.zeros(places.shape[:-1])], axis=-1)
 

@@ -1,4 +1,4 @@
-"""A receiver of pulses that hovers among transmitters: time goes on, readings come out."""
+"""A receiver of pulses that hovers among transmitters, and its readings over time."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from arva_hil.model.receiver import Impairment, Look, Pose, Reading, ReceiverMod
 from arva_hil.registry import RECEIVERS
 
 PAPER = {"threshold_na_m": 6.168, "start_s": 0.0, "steps": "cm"}
-"""The keys that make of it the paper's receiver: 50 m, three antennas, whole centimetres."""
+"""The keys of the paper's receiver: 50 m, three antennas, whole centimetres."""
 
 
 def transmitters(
     *places: ArrayLike, keyings: Sequence[Keying], strengths: Sequence[float] = (), rotations: ArrayLike | None = None
 ) -> Transmitters:
-    """With ids 1, 2, …; their dipoles point north unless told otherwise."""
+    """Return transmitters with ids 1, 2, …; by default their dipoles point north."""
     m = len(places)
     turned = np.tile(np.eye(3), (m, 1, 1)) if rotations is None else np.asarray(rotations, float)
     return Transmitters(
@@ -35,7 +35,7 @@ def transmitters(
 
 
 class Hovering:
-    """At `position`, turned by `rotation`; both may be set anew. `options`: keys of the model."""
+    """A receiver at `position`, turned by `rotation`; both may be changed. `options`: keys of the model."""
 
     def __init__(
         self,
@@ -66,19 +66,19 @@ class Hovering:
         return Look(t, Pose(self.position, self.rotation), self.transmitters, impairment=self.impairment)
 
     def looks(self, until_s: float) -> Iterator[bool | None]:
-        """Let time pass; each look, and whether it asks for a frame."""
+        """Let time pass; yield each look, and True if it requests a frame."""
         while (t := self.model.next_look(self.now, until_s)) <= until_s:
             self.now = t
             yield self.model.look(self.at(t))
 
     def read(self, until_s: float) -> Reading:
-        """Let time pass, and the reading then."""
+        """Let time pass, and return the reading then."""
         for _ in self.looks(until_s):
             pass
         return self.model.show(until_s)
 
     def readings(self, until_s: float, step_s: float) -> list[Reading]:
-        """Of every step until then."""
+        """Yield the readings of every step until then."""
         times = np.arange(self.now + step_s, until_s, step_s).tolist()
         return [self.read(t) for t in times]
 

@@ -1,4 +1,4 @@
-"""The field of one transmitter, and what a display makes of it."""
+"""The field of one transmitter, and its display."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def field(points: ArrayLike, strength: float = 1.0, medium: Medium | None = None
 
 
 def highest(tilt_deg: float, antennas: int) -> float:
-    """How far beside a dipole one depth below, tilted from the horizontal, the signal is strongest, in depths."""
+    """Return the distance beside a tilted dipole at which the signal is strongest, in depths."""
     tilt = math.radians(tilt_deg)
     axis = np.array([math.cos(tilt), 0.0, math.sin(tilt)])
     x = np.linspace(-1, 1, 20_001)
@@ -46,7 +46,7 @@ def highest(tilt_deg: float, antennas: int) -> float:
 
 
 def reach(threshold_na_m: float, h10: float, way: ArrayLike) -> float:
-    """The farthest true distance [m] at which a display shows something."""
+    """Return the largest true distance [m] with a reading."""
     display = Display(options(threshold_na_m=threshold_na_m), KAPPA_EQ)
     near, far = 1.0, 500.0
     while far - near > 1e-3:
@@ -67,7 +67,7 @@ class Spread(NamedTuple):
 
 
 def shown_at(signal: Sequence[float], sigma_na_m: float, threshold_na_m: float, pulses: int, seed: int = 1) -> Spread:
-    """What a display makes of pulses with noise. `signal`: at the antennas, in the reference transmitter's units."""
+    """Return the displayed values of pulses with noise. `signal`: at the antennas, in reference transmitters."""
     chosen = options(noise_na_m=sigma_na_m, threshold_na_m=threshold_na_m)
     display, draws = Display(chosen, KAPPA_EQ), NoiseDraws(seed)
     sigma = sigma_na_m / chosen.scale_na_m

@@ -1,4 +1,4 @@
-"""Several transmitters: how their pulses overlap, and who is missed by one who follows the nearest."""
+"""Several transmitters: the overlap of their pulses, and the sets missed by a novice who follows the nearest."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def sets(kind: KeyingClass, n: int, trial: int) -> list[Keying]:
-    """`n` sets of a class, in any phase to each other."""
+    """Return `n` sets of a class, in any phase to each other."""
     return [draw_keying(kind, trial, id_) for id_ in range(n)]
 
 
@@ -45,7 +45,7 @@ def overlap(kind: KeyingClass, most: int = 4, trials: int = 3000, window_s: floa
 
 
 def _touched(starts: Array, others: Array, pulse_s: float) -> NDArray[np.bool_]:
-    """Which pulses are touched by one of the others; all are equally long."""
+    """Return True for pulses that another one touches; all have the same length."""
     at = np.searchsorted(others, starts)
     before, behind = others[np.maximum(at - 1, 0)], others[np.minimum(at, len(others) - 1)]
     touched: NDArray[np.bool_] = np.minimum(abs(starts - before), abs(starts - behind)) < pulse_s
@@ -53,7 +53,7 @@ def _touched(starts: Array, others: Array, pulse_s: float) -> NDArray[np.bool_]:
 
 
 def _stays(starts: Array, touched: NDArray[np.bool_], seconds: float = 60.0) -> bool:
-    """Whether there is a run of touched pulses that lasts so long."""
+    """Return True if there is a run of touched pulses of this duration."""
     period_s = (starts[-1] - starts[0]) / (len(starts) - 1)
     if touched.sum() * period_s < seconds:
         return False

@@ -27,7 +27,7 @@ Buried = dict[int, list[float]]  # transmitters: NED from home, by id
 
 TOUCHED_M: Final = 0.05
 APART_S: Final = 0.4  # between two set-points
-LEAST_M: Final = 0.3  # what hovers is higher
+LEAST_M: Final = 0.3  # a hovering vehicle is higher
 BEGINS: Final = "the search begins"
 ENDS: Final = r"descending to|; landing|\| landing \||; hovering|taken over|pilot has"
 SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle", "joystick")  # is due in these
@@ -66,7 +66,7 @@ class Program:
         return self._out.read()
 
     def said(self, pattern: str) -> float | None:
-        """When it was said first."""
+        """Return the time of the first line that matches."""
         return next((at for at, line in list(self.lines) if re.search(pattern, line)), None)
 
     def says(self, pattern: str, within_s: float = 180.0) -> float:
@@ -93,7 +93,7 @@ class Flight:
     simulator: str
     kind: str
     seed: int
-    height_m: float  # asked for
+    height_m: float  # requested
     folder: str
     good: bool = False
     code: int | None = None
@@ -101,17 +101,17 @@ class Flight:
     how: str = ""
     time_s: float = 0.0
     reported_m: float | None = None  # largest error of the places reported, by the estimate of the vehicle's place
-    stands_m: float | None = None  # where it came down, by that estimate,
-    touchdown_m: float | None = None  # and in truth
+    stands_m: float | None = None  # distance of the touchdown, by that estimate
+    touchdown_m: float | None = None  # the true distance of the touchdown
     lowest_m: float | None = None  # true heights above the ground while searching
     highest_m: float | None = None
     standing_m: float | None = None
     disarmed: bool = False
     kept: bool | None = None  # the mode of the pilot is the vehicle's at the end
-    orders: int = 0  # after the vehicle's word,
+    orders: int = 0  # orders after the vehicle's report
     last_ms: float = 0.0
-    late: int = 0  # orders after the bound,
-    words: dict[str, int] = field(default_factory=dict)  # and what else was sent then
+    late: int = 0  # orders after the bound
+    words: dict[str, int] = field(default_factory=dict)  # other messages after the report, by name
     apart_s: float = 0.0  # the longest time between two set-points
     modes: list[int] = field(default_factory=list)  # ordered by the search after the pilot has moved
     load: float = 0.0
@@ -200,6 +200,6 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
 
 
 def off(lat: float, lon: float, buried: Buried) -> float:
-    """From a place to the nearest of them."""
+    """Return the distance from a place to the nearest transmitter."""
     north, east, _ = LocalFrame(*HOME).ned(lat, lon, HOME[2])
     return min(math.dist((north, east), ned[:2]) for ned in buried.values())

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from arva_hil.mavlink.codec import dialect
 
-Wrong = Callable[[float, float], float]  # (true value, seconds since the lie began) → value shown
+Wrong = Callable[[float, float], float]  # (true value, seconds since the lie began) → false value
 
 SCALE_M: Final = 8434.0  # of the atmosphere: e-folding height of the pressure
 _LIMIT_M: Final = 10.0
@@ -28,7 +28,7 @@ CLIMBS: Final[dict[str, Wrong]] = {  # metres above home
     "altitude jumps by 9 m": lambda m, _: m + 9,
     "altitude drifts 0.05 m/s": lambda m, s: m + 0.05 * s,
 }
-PRESSURES: Final[dict[str, Wrong]] = {  # metres of height that the pressure is wrong by
+PRESSURES: Final[dict[str, Wrong]] = {  # error of the pressure, in metres of height
     "barometer drifts 0.05 m/s": lambda m, s: m + 0.05 * s,
     "barometer +5 m": lambda m, _: m + 5,
 }
@@ -36,7 +36,7 @@ LIES: Final = (*RANGES, *CLIMBS, *PRESSURES)
 
 
 class Lie:
-    """One lie of LIES, from the moment that it is made. Changes messages in place."""
+    """One lie of LIES, from its creation on. It changes messages in place."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -30,12 +30,12 @@ def run_first() -> None:
 
     Raises PermissionError without the right to do so. Programs that it starts get `run_as_others`.
     """
-    gc.disable()  # it visits all notes, which takes 0.2 s after some minutes
+    gc.disable()  # it would visit all notes, which takes 0.2 s after some minutes
     os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
 
 
 def run_as_others() -> None:
-    """For a process that is started."""
+    """Undo `run_first` in a started process."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
@@ -53,7 +53,7 @@ class Slope(NamedTuple):
     alt: float
 
     def data(self, request: Any) -> Iterator[Any]:
-        """What a TERRAIN_REQUEST asks for: 7 rows to the north, each of 8 squares of 4 × 4 heights."""
+        """Return the answer to a TERRAIN_REQUEST: 7 rows to the north, each of 8 squares of 4 × 4 heights."""
         for bit in range(56):
             if request.mask >> bit & 1:
                 south = (request.lat / 1e7 - self.lat) * PER_DEGREE_M + bit // 8 * 4 * request.grid_spacing
@@ -74,14 +74,14 @@ class Relay:
         self.height = 0.0
         self.ready = False  # ArduPilot knows its place
         self.slope: Slope | None = None  # the ground, for ArduPilot
-        self.surveyed = False  # it has all of the ground that it wants
+        self.surveyed = False  # ArduPilot has all the ground that it requested
         self.lie: Callable[[Any], None] | None = None  # changes a message on its way to the search
         self._up, self._down, self._lied = Parser(), Parser(), Parser()
         self._pilot = Encoder(255, 190)
         self._ended = threading.Event()
 
     def say(self, message: Any) -> None:
-        """As the pilot's ground station."""
+        """Send a message as the pilot's ground station."""
         self._to_vehicle(self._pilot.pack(message))
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class Relay:
         raise NotImplementedError
 
     def _changed(self, data: bytes) -> bytes:
-        """The bytes for the search, with the lie in them."""
+        """Return the bytes for the search, with the lie."""
         if self.lie is None:
             return data
         chunks = []
@@ -185,7 +185,7 @@ class UdpRelay(Relay):
         super().__init__()
         self._outer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._outer.bind(("127.0.0.1", port))
-        self._outer.settimeout(0.2)  # so that its thread sees the end, and lets the port go
+        self._outer.settimeout(0.2)  # so that its thread ends in time, and releases the port
         self._inner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._inner.bind(("127.0.0.1", 0))
         self._inner.settimeout(0.2)
@@ -227,7 +227,7 @@ class UdpRelay(Relay):
 
 
 class Hands:
-    """On the sticks, whose message is sent five times a second."""
+    """The pilot's hands on the sticks; their message is sent five times a second."""
 
     def __init__(self, relay: Relay, message: Callable[[], Any]) -> None:
         self._relay, self._message = relay, message
@@ -244,7 +244,7 @@ def tells_mode(message: Any) -> int | None:
 
 
 def orders(message: Any) -> bool:
-    """It moves the vehicle, or would."""
+    """Return True for a message that moves the vehicle."""
     target = type(message).id == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
     return target or getattr(message, "command", None) in ORDERS
 

@@ -113,7 +113,7 @@ class Simulator:
             self.witness = Witness(f"udpin:127.0.0.1:{19410 + PX4}", hil_state)
 
     def _settle(self) -> None:
-        """Until ArduPilot knows its place, some 40 s of its time, run faster than real time."""
+        """Wait until ArduPilot knows its place: 40 s of its time, faster than real time."""
         interval, status = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
         end = time.monotonic() + 90
         terrain = dialect.MAVLINK_MSG_ID_TERRAIN_REQUEST, dialect.MAVLINK_MSG_ID_TERRAIN_REPORT
@@ -132,13 +132,13 @@ class Simulator:
 
     @property
     def places(self) -> list[Place]:
-        """True ones, by the clock of this program."""
+        """The true places, by the clock of this program."""
         clock = self.witness._clock
         zero = time.monotonic() - clock.now()
         return [place._replace(time_s=place.time_s + zero) for place in list(self.witness.places)]
 
     def heights(self, places: Sequence[Place]) -> list[float]:
-        """True ones [m] above the ground below."""
+        """Return the true heights [m] above the ground."""
         level = ground_m(self.witness.places) if self.witness.places else math.nan
         return [place.alt - level - self.slope * (place.lat - HOME[0]) * PER_DEGREE_M for place in places]
 

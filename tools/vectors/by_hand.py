@@ -1,4 +1,4 @@
-"""What all bytes on the wire have, by no codec."""
+"""The common parts of all bytes on the wire, without a codec."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def crc(data: bytes) -> int:
 
 
 def seal(body: bytes) -> bytes:
-    """Sync and a right CRC round anything, well formed or not."""
+    """Return any bytes with sync and a right CRC, well formed or not."""
     return b"\xa4\x57" + body + crc(body).to_bytes(2, "little")
 
 
 def sentence(*fields: object) -> str:
-    """A line of NMEA."""
+    """Return a line of NMEA."""
     text = ",".join(map(str, fields))
     checksum = 0
     for letter in text:

@@ -26,7 +26,7 @@ class Numbers:
 
 
 def damaged(raw: bytes, numbers: Numbers) -> bytes:
-    """2 % of the bytes dropped, given another before them, or changed."""
+    """Return the bytes with 2 % of them dropped, changed, or with another one before them."""
     out = bytearray()
     for byte in raw:
         fate = numbers.below(150)
@@ -39,7 +39,7 @@ def damaged(raw: bytes, numbers: Numbers) -> bytes:
 
 
 def missing(before: int, sequence: int) -> int:
-    """Frames lost between two numbers, one at a time."""
+    """Return the frames lost between two numbers, counted one at a time."""
     count, number = 0, (before + 1) % 256
     while sequence not in (before, number):
         count, number = count + 1, (number + 1) % 256
@@ -47,7 +47,7 @@ def missing(before: int, sequence: int) -> int:
 
 
 def at_once(name: str, why: str, pieces: list[tuple[bytes, str]]) -> dict[str, Any]:
-    """Pieces fed in one chunk: bytes, and the name of the frame that is whole in them or "".
+    """Return a stream of pieces in one chunk: bytes, and the name of the complete frame in them or "".
 
     JUNK behind them settles every candidate. Each byte in no frame begins one, so those that are whole there are the
     failed CRCs, and nothing else is.

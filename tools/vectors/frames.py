@@ -88,7 +88,7 @@ BYTES = {name: binary(f) for name, f in FRAMES.items()}
 
 
 def parts() -> list[Wire]:
-    """What vectors.json has of frames."""
+    """Return the part of vectors.json about frames."""
     return [
         {"name": name, "hex": BYTES[name].hex(), "decode_only": name in DECODE_ONLY, **f}
         | ({} if name in DECODE_ONLY else {"nmea": nmea(f), "text": line(f), "named": named(f)})

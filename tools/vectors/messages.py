@@ -17,7 +17,7 @@ RESULTS = ("done", "refused", "unknown", "busy")
 
 
 def masked(kind: int, body: bytes, mask: int | None = None) -> bytes:
-    """A message; the mask is the lowest with which no byte is A4, or the one given."""
+    """Return a message; by default the mask is the lowest with which no byte is A4."""
     plain = bytes([kind]) + body
     if mask is None:
         mask = 0
@@ -75,7 +75,7 @@ def body(m: Wire) -> tuple[int, bytes]:
 
 
 def spoken(m: Wire) -> str:
-    """A command or an answer as a line."""
+    """Return a command or an answer as a line."""
     answered = [m["result"], m["text"]] if m["type"] == "answer" else []
     return sentence("PARVC" if m["type"] == "command" else "PARVR", m["number"], m["command"], *answered, *m["values"])
 
@@ -186,7 +186,7 @@ def streams(frame: bytes) -> list[Wire]:
 
 
 def parts(frame: bytes) -> dict[str, list[Wire]]:
-    """What vectors.json has of messages."""
+    """Return the part of vectors.json about messages."""
     messages = []
     for name, m in MESSAGES.items():
         channels = [{key: value for key, value in c.items() if key != "exponent"} for c in m.get("channels", ())]

@@ -1,4 +1,4 @@
-"""How a stream is written down in vectors.json."""
+"""The form of a stream in vectors.json."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tools.vectors import frames
 
 
 class Stream:
-    """Steps with what comes out, then the final counters. `kind`: of what comes out; `units`: its bytes, by name."""
+    """Steps with their output, then the final counters. `kind`: of the output; `units`: its bytes, by name."""
 
     def __init__(self, name: str, why: str, kind: str = "frames", units: Mapping[str, bytes] = frames.BYTES) -> None:
         self.value: dict[str, Any] = {"name": name, "why": why, "steps": []}

@@ -1,4 +1,4 @@
-"""The streams of frames, each with what a decoder must answer."""
+"""The streams of frames, each with the expected output of a decoder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FALSE_LONG = FALSE + bytes.fromhex("000010")  # and its n says so too
 
 
 def misread(raw: bytes, sent: int, read: int) -> bytes:
-    """What a UART makes of `raw` when a bit on the line lasts `sent` and it takes it to last `read`."""
+    """Return the bytes that a UART reads from `raw` if bits last `sent` on the line and `read` for the UART."""
     line = []
     for byte in raw:
         line += [0] * sent + [byte >> bit & 1 for bit in range(8) for _ in range(sent)] + [1] * sent
