@@ -165,7 +165,7 @@ def test_a_transmitter_that_moves_is_passed_by_and_looked_at_once_more_at_the_en
         assert now < 300
     assert moved == [1, 1]
     assert m.found is None
-    assert m.moving == {1: strategy.track}  # type: ignore[attr-defined]
+    assert m.victims.moving == {1: strategy.track}  # type: ignore[attr-defined]
     assert not m.others
 
 

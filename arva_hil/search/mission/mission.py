@@ -27,7 +27,7 @@ from arva_hil.search.mission.receiver_host import ReceiverHost
 from arva_hil.search.mission.victims import Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.guidance import Guidance
-from arva_hil.search.strategies.history import Track, speed_of
+from arva_hil.search.strategies.history import speed_of
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategies.strips import Strips
@@ -92,8 +92,6 @@ class Mission:
         self.broken = False
         self.found: Found | None = None  # it flies above this place, to end there or to record it
         self.accuracy = UNKNOWN
-        self.moving: dict[int, Track] = {}  # the transmitters that move
-        self._passed: set[int] = set()  # those of them that are passed by, until the strips are flown again
         self.sure = True
         self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
@@ -205,7 +203,7 @@ class Mission:
     def others(self) -> dict[int, HeardTransmitter]:
         """The transmitters received and not found; without those that move."""
         heard, target = self.choice.heard, self.choice.target
-        heard = {id_: one for id_, one in heard.items() if id_ not in self.moving}
+        heard = {id_: one for id_, one in heard.items() if id_ not in self.victims.moving}
         if self.victims.several:
             return {id_: one for id_, one in heard.items() if not self.victims.knows(id_)}
         return {id_: one for id_, one in heard.items() if self.found is None or id_ != target}
@@ -253,9 +251,8 @@ class Mission:
         velocity = self._strips.velocity(time_s, receiver)
         if not self._strips.exhausted:
             return velocity
-        if not self._twice and self.victims.back() | self.choice.forgive() | bool(self._passed):
+        if not self._twice and self.victims.back() | self.choice.forgive():
             self._twice = True
-            self._passed.clear()
             return self._strips.again()
         if self.victims.wanted or not self.victims.places or self.others:
             how = {"heard": bool(self.choice.heard), "twice": self._twice, "team": isinstance(self._strips, TeamStrips)}
@@ -310,8 +307,6 @@ class Mission:
         """Return True if a transmitter is another search's, or found. Without ids that is unknown."""
         if id_ == NO_ID:
             return False
-        if id_ in self._passed:
-            return True
         metres = self.choice.heard[id_].nearest_m
         return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own, metres=metres))
 
@@ -325,8 +320,7 @@ class Mission:
         if (target := self.choice.target) is None or self.found is not None:
             return
         if answer.track and target != NO_ID:
-            self.moving[target] = answer.track
-            self._passed.add(target)
+            self.victims.put_moving_aside(target, answer.track)
             _, north, east = answer.track[-1]
             self._emit(TransmitterMoves(time_s, target, speed_of(answer.track), north, east))
             self._go_on(position)
@@ -335,7 +329,7 @@ class Mission:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self.found, self.sure, self._dipole = answer.found, answer.sure, answer.dipole
-            self.moving.pop(target, None)
+            self.victims.moving.pop(target, None)
             self._tell(self.found, id_of(target), time_s)
         if answer.belief is not None and time_s >= self._belief_s:
             self._belief_s = time_s + _BELIEF_S

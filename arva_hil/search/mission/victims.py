@@ -23,6 +23,7 @@ from arva_hil.events.searches import (
 from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, id_of
 from arva_hil.search.mission.receiver_host import Asked, ReceiverHost
 from arva_hil.search.strategies.explained import Explained
+from arva_hil.search.strategies.history import Track
 from arva_hil.search.strategies.strategy import Found, Observation, Position
 from firmware_proto import MORE_TRANSMITTERS, Frame
 from firmware_proto.commands import DONE, IDENTIFY, MARK, UNKNOWN
@@ -67,19 +68,21 @@ class Victims:
     """The transmitters found, with their ids and marks, and those that are postponed.
 
     `wanted`: the number to find, None: all. `several`: it is not 1. `host`: commands to the receiver, None if it takes
-    none. `emit` gets the events.
+    none. `emit` gets the events. `moving`: the last tracks of transmitters that move, by id.
     """
 
     def __init__(self, wanted: int | None, host: ReceiverHost | None, emit: Callable[[Event], None]) -> None:
         self.wanted = wanted
         self.several = wanted != 1
         self.places: list[Victim] = []
+        self.moving: dict[int, Track] = {}
         self.unreported = False  # a place is added, and not reported yet
         self._host = host
         self._emit = emit
         self._known: dict[int, int] = {}  # index of the place by id
         self._together: set[frozenset[int]] = set()  # ids of one frame: they are of different transmitters
         self._aside: set[int] = set()
+        self._passed: set[int] = set()  # of those that move: until `back`
         self._visited: set[int] = set()
         self._doubted: set[int] = set()
         self._explained = Explained()
@@ -107,7 +110,7 @@ class Victims:
 
     def passes(self, id_: int) -> bool:
         """Return True if the search passes by a transmitter: it is found, or put aside."""
-        return id_ in self._known or id_ in self._aside
+        return id_ in self._known or id_ in self._aside or id_ in self._passed
 
     def left(self, heard: Iterable[int]) -> int | None:
         """Return the number of received transmitters that are not found; None if frames carry no ids."""
@@ -178,9 +181,15 @@ class Victims:
 
     def back(self) -> bool:
         """Search again for the transmitters put aside. Return True if there was any."""
-        there = bool(self._aside)
+        there = bool(self._aside | self._passed)
         self._aside.clear()
+        self._passed.clear()
         return there
+
+    def put_moving_aside(self, id_: int, track: Track) -> None:
+        """Put a transmitter aside that moves."""
+        self.moving[id_] = track
+        self._passed.add(id_)
 
     def add(self, victim: Victim, dipole: NDArray[np.float64] | None, time_s: float) -> None:
         """Add a found place, above which the vehicle hovers. `dipole`: there, of a transmitter without an id."""

@@ -198,7 +198,6 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
     slopes = np.empty((len(x), 7, len(o.said)), complex)
     slopes[:, :3] = ((1 + 2 * along * share) * n - share * m - along * axis) * (3 / rho)
     slopes[:, 3:6], slopes[:, 6] = 3 * share * n - axis, -1j
-
     m2 = _dot(m, m)[:, 0] + 1e-20
     error[:, 0] = (x[:, 2] - o.level(x) - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
     slopes[:, :, 0] = 0
