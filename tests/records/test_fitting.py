@@ -105,6 +105,38 @@ def test_a_latency_of_zero_is_no_fault_of_the_scenario(of_exact: ReceiverFit) ->
     assert parse(text, "s.yaml").faults == ()
 
 
+def test_the_age_of_pulses_is_not_a_delay(of_exact: ReceiverFit) -> None:
+    estimates = {**of_exact.estimates, "latency": replace(of_exact.estimates["latency"], value=0.9)}
+    (late,) = parse(scenario(replace(of_exact, model="pulsed", estimates=estimates), "builtin:paper"), "s.yaml").faults
+    assert late.value == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("model", ["pulsed", "rssi"])
+def test_receivers_of_pulses_are_fitted(model: str, tmp_path: Path) -> None:
+    chosen, truth = drawn(31, model)
+    chosen = replace(chosen, navigation_error=None, output_format="rssi" if model == "rssi" else "binary")
+    found = fitted(rehearse(tmp_path / "r", chosen, SHORT, latency_s=truth["latency"]), EXACT, model)
+    assert found.doubts == []
+    for name in "kappa_eq", "mount x", "mount y", "mount yaw":
+        one = found.estimates[name]
+        assert abs(truth[name] - one.value) <= 2 * (one.high - one.low) / 2, name
+    assert found.estimates["kappa_eq"].value == pytest.approx(truth["kappa_eq"], rel=0.1)
+    parse_profile(profile(found, [""]), "receiver", "p.yaml")
+
+
+def test_several_records_are_fitted_together(tmp_path: Path) -> None:
+    chosen, truth = drawn(32)
+    second = [point._replace(time_s=point.time_s - SHORT[7].time_s) for point in SHORT[7:]]
+    flights = [
+        flight_of(load(rehearse(tmp_path / str(seed), replace(chosen, seed=seed), points, latency_s=truth["latency"])))
+        for seed, points in enumerate([SHORT[:8], second])
+    ]
+    found = fit(flights, "paper", GPS)
+    far = misses(found, truth)
+    assert len(far) >= 8
+    assert max(far.values()) < 2, far
+
+
 def test_outliers_count_little(exact: tuple[Path, Scenario, dict[str, float]], of_exact: ReceiverFit) -> None:
     flight = flight_of(load(exact[0]))
     d_m = flight.d_m.copy()

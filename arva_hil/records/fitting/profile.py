@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from arva_hil import __version__
 from arva_hil.records.fitting.result import ReceiverFit
 from arva_hil.records.reading.receivers import NO_ID
 from arva_hil.safe_text import one_line
+
+_PULSE_AGE_S: Final = 0.5  # mean age of a reading of pulses, which the model has itself: half the usual period
 
 
 def profile(fit: ReceiverFit, dates: Sequence[str]) -> str:
@@ -30,8 +33,9 @@ def scenario(fit: ReceiverFit, profile_name: str) -> str:
     get = {name: one.value for name, one in fit.estimates.items()}
     lines = ["# The transmitters and the latency of a fit; the receiver is in the profile.", "spec: 2"]
     lines.append(f"receiver: {{profile: {profile_name}}}")
-    if get["latency"] >= 0.001:
-        lines.append(f"faults: [{{delay_s: {get['latency']:.3f}}}]")
+    late_s = get["latency"] - (0.0 if fit.model == "paper" else _PULSE_AGE_S)
+    if late_s >= 0.001:
+        lines.append(f"faults: [{{delay_s: {late_s:.3f}}}]")
     lines.append("transmitters:")
     for id_ in fit.ids:
         name = "transmitter" if id_ == NO_ID else f"transmitter {id_}"
