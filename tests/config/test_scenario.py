@@ -259,7 +259,7 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
         ("receiver: {no_signal: -1}", "23: no_signal: '-1', expected a list of 2 whole numbers"),
         ("output: nmea", "9: output: 'nmea', expected a mapping with format, did you mean 'output: {format: nmea}'?"),
         ("output: {format: debugvect}",
-         "18: format: 'debugvect', expected one of binary, nmea, text, vector, rssi, tunnel, named, "
+         "18: format: 'debugvect', expected one of binary, nmea, text, handheld, vector, rssi, tunnel, named, "
          "named_float, debug_vect, "
          "did you mean 'debug_vect'?"),
         ("seed: -1", "7: seed: '-1', expected a whole number from 0 to 9223372036854775807"),

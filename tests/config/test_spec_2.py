@@ -264,7 +264,7 @@ def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
         ),
         (
             lambda: replace(DEFAULT, output_format="json"),  # type: ignore[arg-type]
-            "Scenario output_format: 'json', expected one of binary, nmea, text, vector, rssi, tunnel, ",
+            "Scenario output_format: 'json', expected one of binary, nmea, text, handheld, vector, rssi, tunnel, ",
         ),
         (
             lambda: replace(DEFAULT, pose="guess"),  # type: ignore[arg-type]

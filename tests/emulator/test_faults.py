@@ -648,8 +648,8 @@ KEYS = f"{NAMES}, by_ned, over_s, from_s, until_s, every_s, for_s"
         ),
         (
             "output: {format: tunnel}\nfaults: [{drop: 0.1}, {self_test: true}, {corrupt: 0.1}]",
-            ["3:42: corrupt with the format tunnel, expected binary or nmea or text or vector or rssi, because "
-             "it would break the autopilot's own link"],
+            ["3:42: corrupt with the format tunnel, expected binary or nmea or text or handheld or vector or rssi, "
+             "because it would break the autopilot's own link"],
         ),
         (
             "output: {format: text}\nfaults: [{self_test: true}, {sequence: 0.1}, {flip_bytes: 0.1}]",
@@ -760,7 +760,7 @@ def test_a_wrong_option_is_refused(
 def test_bytes_inside_mavlink_are_left_alone_whoever_chose_the_format(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--scenario", str(ROOT / "configs" / "faults.yaml"), "--format", "tunnel"]) == 2
     assert "fault truncate=0.05" in (said := capsys.readouterr().err)
-    assert "with the format tunnel, expected binary or nmea or text or vector or rssi" in said
+    assert "with the format tunnel, expected binary or nmea or text or handheld or vector or rssi" in said
 
 
 @given(

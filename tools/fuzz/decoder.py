@@ -24,11 +24,13 @@ DECODERS: Final = {
 ENCODERS: Final = {name: registry.FORMATS[name].encode for name in DECODERS}
 FORMATS: Final = tuple(registry.FORMATS)
 MEASURED: Final = [name for name in DECODERS if registry.FORMATS[name].measured]
-_HELD: Final = {"binary": MAX_FRAME_BYTES, "nmea": 82 * (MAX_CHANNELS + 1), "text": 16} | dict.fromkeys(
+_HELD: Final = {"binary": MAX_FRAME_BYTES, "nmea": 82 * (MAX_CHANNELS + 1), "text": 16, "handheld": 16} | dict.fromkeys(
     MEASURED,
     2 * MAX_MESSAGE_BYTES,  # a message waits for its frame
 )  # bytes, at most
-_HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16} | dict.fromkeys(MEASURED, MAX_MESSAGE_BYTES)
+_HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16, "handheld": 16} | dict.fromkeys(
+    MEASURED, MAX_MESSAGE_BYTES
+)
 _COUNTERS: Final = ("good", "bad_crc", "dropped", "lost")
 CARRIERS: Final = (
     dialect.MAVLINK_MSG_ID_TUNNEL,
