@@ -94,7 +94,7 @@ def read(app: Sphinx, page: str, source: list[str]) -> None:
         no_page = target.suffix == ".md" and target not in _PAGES and HERE not in target.parents
         return ("path:" if no_page else "") + path + (match[2] or "")
 
-    source[0] = _LINK.sub(link, re.sub("(?m)^```(nmea|commands)$", "```text", text))
+    source[0] = _LINK.sub(link, re.sub("(?m)^```(handheld|nmea|commands)$", "```text", text))
 
 
 def literals(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
