@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -18,7 +19,7 @@ from arva_hil.cli.search_members import Member, members_of
 from arva_hil.cli.search_plan import describe, plan_of
 from arva_hil.cli.search_report import as_dict, close_log, exit_code, found_by, result, would_order
 from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
-from arva_hil.cli.watchers import close_all, live_observers, open_page
+from arva_hil.cli.watchers import background_of, close_all, live_observers, open_page
 from arva_hil.clock import RealClock
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
@@ -85,7 +86,9 @@ def main(options: argparse.Namespace) -> int:
         for line in [*map(_links, searchers), *lines]:
             printer.say(line)
         named = bool(members[0].name)
-        page = open_page(options.web, lambda: State("search", title, known=False, named=named), printer.say)
+        under = background_of(options.map, None) if options.map else None
+        state = functools.partial(State, "search", title, known=False, named=named, background=under)
+        page = open_page(options.web, state, printer.say)
         if page:
             stack.callback(lambda: page.close(*_end(searchers, guard)))
         live = live_observers(options, None, clock.epoch_us)

@@ -14,10 +14,12 @@ from arva_hil.cli import replay
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
+from arva_hil.cli.recorded import write
 from arva_hil.cli.terminal import tell
-from arva_hil.cli.watchers import said_of_page
+from arva_hil.cli.watchers import background_of, said_of_page
 from arva_hil.clock import RealClock
 from arva_hil.observers.web.address import HostPort
+from arva_hil.observers.web.offline import offline_page
 from arva_hil.observers.web.server import Server
 from arva_hil.observers.web.viewer import RecordedState
 from arva_hil.records.reading import Recording, load
@@ -31,7 +33,14 @@ def main(options: argparse.Namespace) -> int:
             return INTERRUPTED
         for note in recording.notes:
             tell(f"warning: {note}")
-        server = _serve(options.web, RecordedState(recording))
+        under = background_of(options.map, recording.run.scenario if recording.run else None)
+        state = RecordedState(recording, under)
+        if options.out:
+            page = offline_page(state)
+            write(Path(options.out), page)
+            tell(f"{options.out}: {len(page) / 1e6:.1f} MB, needs neither arva-hil nor a network")
+            return OK
+        server = _serve(options.web, state)
         stack.callback(server.close)
         for line in said_of_page(server.address, options.web):
             tell(line)
@@ -75,7 +84,14 @@ def _serve(address: HostPort, state: RecordedState) -> Server:
         with lock:
             return state.field()
 
-    return Server(address, {"/state.json": state_json, "/field.json": field_json})
+    def time_line(query: Mapping[str, str], client: int) -> bytes:
+        return state.time_line()
+
+    def picture(query: Mapping[str, str], client: int) -> bytes:
+        return state.background()
+
+    names = {"/state.json": state_json, "/field.json": field_json, "/timeline.json": time_line}
+    return Server(address, {**names, "/background.png": picture})
 
 
 def _seconds(text: str) -> float:

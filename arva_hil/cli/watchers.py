@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli.arguments.shared import FOXGLOVE
+from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
 from arva_hil.events.words.text import Notice
@@ -16,6 +17,7 @@ from arva_hil.runtime.audience import Observer
 from arva_hil.safe_text import shown
 
 if TYPE_CHECKING:  # a page takes 15 ms to import
+    from arva_hil.observers.web.background import Source
     from arva_hil.observers.web.page import WebPage
     from arva_hil.observers.web.state import State
 
@@ -44,9 +46,26 @@ def page_of_run(
             asked_hz=dict.fromkeys(_POSE, rate_hz) if rate_hz else None,
             faults=[str(fault) for fault in chosen.faults],
             named=named,
+            background=background_of(options.map, chosen),
         )
 
     return open_page(options.web, state, say)
+
+
+def background_of(path: str | None, scenario: Scenario | None) -> Source | None:
+    """Return what draws the picture under the map: a file, or the terrain; None without both. Raises UsageError."""
+    from arva_hil.cli.recorded import needing  # slow to import, as are those below
+    from arva_hil.model.field.terrain import TerrainGrid
+    from arva_hil.observers.web.background import map_file, terrain
+
+    if path:
+        try:
+            with needing("maps", "--map"):
+                return map_file(Path(path))
+        except ValueError as error:
+            raise UsageError(f"--map {error}") from None
+    grid = scenario.terrain if scenario else None
+    return terrain(grid) if isinstance(grid, TerrainGrid) else None
 
 
 def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Callable[[str], None]) -> WebPage | None:

@@ -147,11 +147,15 @@ class Launched(SearchEvent):
 class SearchBegun(SearchEvent):
     """The take-off has ended, `height_m` above the take-off point.
 
-    `wanted`: the number of transmitters to find; None: all.
+    `wanted`: the number of transmitters to find; None: all. `area`: south, west, north, east of the take-off point [m];
+    `strip_m`: the width of its strips; `limit_s`: the longest time of the search. These are None in old records.
     """
 
     height_m: float
     wanted: int | None = 1
+    area: Sequence[float] | None = None
+    strip_m: float | None = None
+    limit_s: float | None = None
 
 
 class SearchEnded(SearchEvent):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from arva_hil.cli.main import main
 from arva_hil.events import DatumSet, Event, FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, SearchBegun, SearchEnded, TakeOffPoint, TransmitterHeard, VictimNoted
@@ -237,7 +238,30 @@ def test_a_record_at_any_time(start: Start, tab: Tab, record: Path) -> None:
     tab.shows("#play", "Play")  # at the end it stops
     is_shown(tab, frame_at(rows))
     assert "place found" in tab.text("#belief")
+    line = tab.page.locator("#line")
+    assert "homing in" in line.locator(".phases").all_inner_texts()
+    assert line.locator(".marks").count() == 1
+    tab.page.locator("#shorter").click()
+    assert float(tab.page.locator("#slider").get_attribute("min") or 0) > 0
+    tab.page.locator("#longer").click()
+    line.click(position={"x": 1, "y": 30})
+    tab.shows("#clock", "0:00")
     program.stops()
+
+
+def test_a_record_in_one_file_plays_without_a_server(tab: Tab, record: Path, tmp_path: Path) -> None:
+    file = tmp_path / "record.html"
+    assert main(["view", str(record), "--out", str(file)]) == 0
+    tab.open(file.as_uri())
+    rows = readings(record)
+    is_shown(tab, frame_at(rows))
+    tab.shows("#outcome-title", "Found")
+    found = tab.text("#events")
+    for time_s in (12.34, 3.3):
+        tab.page.locator("#slider").fill(str(time_s))
+        is_shown(tab, frame_at(rows, time_s))
+    assert len(tab.text("#events")) < len(found)
+    assert "homing in" in tab.page.locator("#line .phases").all_inner_texts()
 
 
 def test_nothing_keeps_anybody_from_using_it(start: Start, tab: Tab, record: Path) -> None:
@@ -247,11 +271,11 @@ def test_nothing_keeps_anybody_from_using_it(start: Start, tab: Tab, record: Pat
     tab.open(url_of(program))
     tab.shows("#phase", "ended")
     reached = []
-    for _ in range(60):  # the time of each event is a button
+    for _ in range(66):  # the time of each event is a button
         tab.page.keyboard.press("Tab")
         reached.append(tab.page.evaluate("document.activeElement.id || document.activeElement.textContent"))
     wanted = {"truth", "sound", "map", "fit", "follow", "closer", "wider", "play", "slider", "speed", "events"}
-    assert wanted <= set(reached)
+    assert wanted | {"search", "longer", "shorter"} <= set(reached)
     tab.page.locator("#map").focus()
     for key, fit, follow in (("ArrowLeft", "false", "false"), ("0", "true", "false"), ("f", "false", "true")):
         tab.page.keyboard.press(key)

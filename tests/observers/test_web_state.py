@@ -279,9 +279,10 @@ def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() ->
 def test_a_victim_has_its_time_from_the_start_of_the_search_and_loses_its_mark() -> None:
     state = State("search", "estimate", known=False)
     noted = VictimNoted(40.5, 7, 1, None, 5.0, 1.0, True, True, 0, False)
-    state.update([SearchBegun(10.0, 3.0, None), noted])
+    state.update([SearchBegun(10.0, 3.0, None, (-5, -10, 5, 10), 20.0, 900.0), noted])
     search = shown(state)["search"]
-    assert search["wanted"] is None
+    assert (search["wanted"], search["area"], search["strip_m"]) == (None, [-5, -10, 5, 10], 20.0)
+    assert search["left_s"] == round(900 - 30.5)
     assert [(one["took_s"], one["marked"], one["lat_lon"]) for one in search["victims"]] == [(30.5, True, None)]
     state.update([MarkLost(41.0, 7, 1)])
     assert not shown(state)["search"]["victims"][0]["marked"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from arva_hil.cli.arguments.shared import add_duration
+from arva_hil.cli.arguments.shared import add_duration, add_map
 from arva_hil.cli.options import CommandParser, number, whole
 from arva_hil.config.ranges import LARGEST_SEED
 from arva_hil.observers.web.address import HostPort, parse_address
@@ -108,6 +108,9 @@ def view(parser: CommandParser) -> None:
     where = "address of the page: HOST, PORT or HOST:PORT; the next free port if this one is taken"
     parser.option("--web HOST:PORT", f"{where}; default {HostPort()}", parse_address, HostPort())
     parser.option("--scenario FILE", "scenario for a log (YAML), or builtin:NAME")
+    add_map(parser)
+    out = "instead write one HTML file that plays the record without arva-hil and without a network, and end"
+    parser.option("--out FILE", f"{out}; at most 40,000 readings and 400 states of the search")
     add_duration(parser)
 
 

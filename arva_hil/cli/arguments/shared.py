@@ -112,6 +112,13 @@ def add_web(parser: CommandParser, *, default: str = OFF) -> None:
         web,
         const=HostPort(),
     )
+    add_map(parser)
+
+
+def add_map(parser: CommandParser) -> None:
+    """Add the option for the picture under the page's map."""
+    what = "picture under the page's map: a GeoTIFF or MBTiles file on this computer; needs the extra maps; default: "
+    parser.option("--map FILE", f"{what}hillshade and contour lines of the scenario's terrain file")
 
 
 _place: Final = numbers(

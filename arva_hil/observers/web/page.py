@@ -38,7 +38,8 @@ class WebPage:
         self._clock = RealClock()
         self._asked_s: dict[int, float] = {}  # by the number of the connection
         self._drawn_s = -_FIELD_S
-        self._server = Server(address, {"/state.json": self._state_json, "/field.json": self._field_json})
+        sources = {"/state.json": self._state_json, "/field.json": self._field_json, "/background.png": self._picture}
+        self._server = Server(address, sources)
         self.address = self._server.address
         sys.setswitchinterval(_SWITCH_S)
         threading.Thread(target=self._work, name="web state", daemon=True).start()
@@ -96,6 +97,9 @@ class WebPage:
         with self._lock:
             self._asked_s[client] = self._clock.now()
             return self.state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
+
+    def _picture(self, query: Mapping[str, str], client: int) -> bytes:
+        return self.state.background()
 
     def _field_json(self, query: Mapping[str, str], client: int) -> bytes:
         return self.state.field()

@@ -14,7 +14,7 @@ SEARCH: Final = "search:"  # begins the name of its origin; no vehicle has a col
 
 _MOST_HEARD: Final = 16
 _MOST_VICTIMS: Final = 256
-_PHASES: Final[dict[type[Event], str]] = {
+PHASES: Final[dict[type[Event], str]] = {
     searches.WaitingFor: "waiting",
     searches.Launched: "take-off",
     searches.SearchBegun: "searching",
@@ -58,12 +58,12 @@ class SearchView:
         self._found: searches.PlaceFound | None = None
         self._heard: dict[int | None, tuple[float, float, float]] = {}
         self._victims: dict[int, _Victim] = {}  # of a search for several, by their number
-        self._begun_s: float | None = None
+        self._begun: searches.SearchBegun | None = None
         self._wanted: int | None = 1
         self._ended = ""
 
     def observe(self, event: Event) -> None:
-        if phase := _PHASES.get(type(event)):
+        if phase := PHASES.get(type(event)):
             self._phase, self._seen = phase, True
         if isinstance(event, searches.TakeOffPoint):
             self._places.put(SEARCH + self._vehicle, event.lat, event.lon, event.alt)
@@ -74,7 +74,7 @@ class SearchView:
             self._target = event.transmitter
             self._found = None  # the search continues with the next
         elif isinstance(event, searches.SearchBegun):
-            self._begun_s, self._wanted = event.time_s, event.wanted
+            self._begun, self._wanted = event, event.wanted
         elif isinstance(event, searches.VictimNoted):
             self._wanted = event.wanted
             if len(self._victims) < _MOST_VICTIMS:
@@ -96,7 +96,7 @@ class SearchView:
             self._ended = in_words(event.how)
 
     def _since_begun(self, time_s: float) -> float | None:
-        return None if self._begun_s is None or not math.isfinite(time_s) else time_s - self._begun_s
+        return None if self._begun is None or not math.isfinite(time_s) else time_s - self._begun.time_s
 
     def _places_found(self) -> list[_Victim]:
         """Return the victims in the order of finding; of a search for one, the place found."""
@@ -120,11 +120,13 @@ class SearchView:
             "left": victim.left,
         }
 
-    def document(self) -> dict[str, Any] | None:
-        """Return the search for the page; places as [north, east, …]."""
+    def document(self, now: float = 0.0) -> dict[str, Any] | None:
+        """Return the search for the page at a time; places as [north, east, …]."""
         if not self._seen:
             return None
         north, east, _ = self._places.offset(SEARCH + self._vehicle)
+        begun = self._begun or searches.SearchBegun(0.0, 0.0)
+        took_s = None if self._ended else self._since_begun(now)
         made: dict[str, Any] = {
             "vehicle": one_line(self._vehicle),
             "phase": self._phase,
@@ -133,7 +135,10 @@ class SearchView:
             "take_off": [_rounded(north), _rounded(east)],
             "heard": [[id_, _rounded(n + north), _rounded(e + east), d] for id_, (n, e, d) in self._heard.items()],
             "wanted": self._wanted,
-            "begun": self._begun_s is not None or bool(self._places_found()),
+            "begun": self._begun is not None or bool(self._places_found()),
+            "area": begun.area and [_rounded(a + b) for a, b in zip(begun.area, (north, east) * 2, strict=True)],
+            "strip_m": begun.strip_m,
+            "left_s": None if begun.limit_s is None or took_s is None else round(max(0.0, begun.limit_s - took_s)),
             "victims": [self._shown_victim(one, north, east) for one in self._places_found()],
             "hypotheses": [],
             "mean": None,

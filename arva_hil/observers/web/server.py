@@ -28,6 +28,7 @@ _TYPES: Final = {
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
     ".txt": "text/plain; charset=utf-8",
+    ".png": "image/png",
 }
 _JSON: Final = "application/json; charset=utf-8"
 _PLAIN: Final = "text/plain; charset=utf-8"
@@ -61,7 +62,7 @@ class Content(NamedTuple):
 
 
 Source = Callable[[Mapping[str, str], int], bytes]
-"""Makes the JSON of one name for a query and the number of a connection."""
+"""Makes the JSON or the picture of one name for a query and the number of a connection."""
 
 
 def pages() -> dict[str, Content]:
@@ -190,7 +191,7 @@ class Server:
 
     def _content(self, request: Request, number: int) -> Content:
         if (source := self._sources.get(request.path)) is not None:
-            return Content(_JSON, source(request.query, number))
+            return Content(_TYPES.get(Path(request.path).suffix, _JSON), source(request.query, number))
         if (page := self._files.get(request.path)) is not None:
             return page
         raise Refused(HTTPStatus.NOT_FOUND, "there is nothing of this name")

@@ -11,6 +11,7 @@ from arva_hil.events.searches import FrameHeard, FromSearch
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
 from arva_hil.observers.web import jsons
+from arva_hil.observers.web.background import REACH_M, Background, Source
 from arva_hil.observers.web.health import Health
 from arva_hil.observers.web.history import TextHistory
 from arva_hil.observers.web.places import Places
@@ -49,6 +50,7 @@ class State:
     `kind`: of the run: run, replay, demo, search or view. `title`: a line for a person. `known`: whether the scenario
     is known, so that the page has the truth. `datum`: degrees, degrees, metres AMSL, if the scenario fixes it.
     `faults`: of the scenario, in words. `named`: there are several receivers.
+    `background`: draws the picture under the map.
     """
 
     def __init__(
@@ -63,8 +65,11 @@ class State:
         links: Mapping[str, str] | None = None,
         faults: Iterable[str] = (),
         named: bool = False,
+        background: Source | None = None,
     ) -> None:
         self.version = 1
+        self._draw_background = background
+        self._background: Background | None = None
         self.health = Health(dict(asked_hz or {}), dict(links or {}))
         self.places = Places()
         self._alone = kind == "search"  # without an emulator: frames and vehicles are the searches' own
@@ -196,6 +201,15 @@ class State:
         if self._truth.draw(next((down for down in downs if down is not None), None)):
             self._new_version()
 
+        if self._draw_background and self.places.origin:
+            draw, self._draw_background = self._draw_background, None
+            self._background = draw(self.places.origin)
+            self._new_version()
+
+    def background(self) -> bytes:
+        """`/background.png`."""
+        return self._background.png if self._background else b""
+
     def field(self) -> bytes:
         """Return `/field.json`."""
         return self._truth.lines
@@ -229,6 +243,7 @@ class State:
                 f'"points":[{",".join(points)}]}}'
             )
         said = self._events.whole() if events is None else events
+        searches = {name: one.document(self._time_s) for name, one in self._searches.items()}
         head = {
             **self._about,
             **self.head,
@@ -240,9 +255,10 @@ class State:
             "origin": self.places.origin,
             "vehicles": self.health.vehicles(self._time_s),
             "links": self.health.links(),
-            "search": self._searches[""].document() if "" in self._searches else None,
-            "team": [shown for name, one in self._searches.items() if name and (shown := one.document())],
+            "search": searches.pop("", None),
+            "team": [shown for shown in searches.values() if shown],
             "field": self._truth.version,
+            "background": {"reach_m": REACH_M, "about": self._background.about} if self._background else None,
             "all_events": events is None,
         }
         parts_of_body = {

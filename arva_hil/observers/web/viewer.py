@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import contextlib
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
@@ -14,13 +15,14 @@ from numpy.typing import NDArray
 from arva_hil.events import DatumSet, Event, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.event_json import event_of
 from arva_hil.events.reasons import Why, because
-from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, WaitingFor
+from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, VictimNoted, WaitingFor
 from arva_hil.events.words.text import Level, Notice
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
+from arva_hil.observers.web.background import Source
 from arva_hil.observers.web.health import Health
 from arva_hil.observers.web.places import Places
-from arva_hil.observers.web.search_view import SearchView
+from arva_hil.observers.web.search_view import PHASES, SearchView
 from arva_hil.observers.web.state import Key, State
 from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
 from arva_hil.records.reading.receivers import NO_ID
@@ -37,7 +39,7 @@ class RecordedState(State):
     Remembers the chosen time, and the JSON texts of some readings of every receiver.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, background: Source | None = None) -> None:
         scenario = recording.run.scenario if recording.run else None
         super().__init__(
             "view",
@@ -46,6 +48,7 @@ class RecordedState(State):
             kappa_eq=scenario.receiver.kappa_eq if scenario else 1.0,
             faults=[str(fault) for fault in scenario.faults] if scenario else (),
             named=len(recording.receivers) > 1,
+            background=background,
         )
         self.span_s = recording.span_s
         self._recording = recording
@@ -86,6 +89,30 @@ class RecordedState(State):
     def notice_of(self, event: Event) -> Notice | None:
         """Return the notice that was printed in the run: see `State`."""
         return self._notices.get(id(event))
+
+    def time_line(self) -> bytes:
+        """`/timeline.json`: phases, faults and marks: [from, to, vehicle, words]; events: [time, level, words]."""
+        phases, marks, begun = list[list[Any]](), list[list[Any]](), dict[str, list[Any]]()
+        for event in self._news:
+            told, vehicle = (event.event, event.vehicle) if isinstance(event, FromSearch) else (event, "")
+            if (name := PHASES.get(type(told))) and (vehicle not in begun or begun[vehicle][3] != name):
+                at_s = max(event.time_s, self.span_s[0])
+                if vehicle in begun:
+                    begun[vehicle][1] = at_s
+                begun[vehicle] = [at_s, self.span_s[1], vehicle, name]
+                phases.append(begun[vehicle])
+            if isinstance(told, VictimNoted | PlaceFound):
+                marks.append([event.time_s, event.time_s, vehicle, "place found"])
+        faults = [
+            [float(one.time_s[a]), float(one.time_s[min(b, len(one) - 1)]), one.vehicle, ", ".join(names)]
+            for one in self._recording.receivers
+            for a, b in itertools.pairwise([0, *(np.flatnonzero(np.diff(one.fault_set)) + 1).tolist(), len(one)])
+            if b > a and (names := one.fault_sets[int(one.fault_set[a])])
+        ]
+        noticed = [event for event in self._news if id(event) in self._notices]
+        some = [noticed[i] for i in _some(len(noticed))]
+        events = [[event.time_s, *self._notices[id(event)]] for event in some]
+        return jsons.dump({"phases": phases, "faults": faults, "marks": marks, "events": events}).encode()
 
     def _recorded_events(self) -> Iterator[Event]:
         """Yield the recorded events. Those that cannot be restored are notices with their recorded text."""

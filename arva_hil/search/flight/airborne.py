@@ -165,7 +165,8 @@ class Flight(MissionRun):
                     host=self._host,
                     worker=self._worker,
                 )
-                self._emit(SearchBegun(now, -position[2], self._plan.victims))
+                about = plan.area, plan.strip_width, plan.limit_s
+                self._emit(SearchBegun(now, -position[2], plan.victims, *about))
             receiver = self._plan.mount.place(state.position, state.attitude)
             followed = self._commander.authority.in_mode
             height = self._ground.height(now, state, self._down if followed else 0.0)

@@ -3,7 +3,7 @@
 import { checks, showChecks, showCounters, showEvents, showSearch, showTeam } from "./health.js";
 import { showDisplay } from "./display.js";
 import { outcomeOf, showOutcome, showVictims } from "./outcome.js";
-import { showMap, vehicleAt, view } from "./map.js";
+import { searched, showMap, vehicleAt, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
 import { Player } from "./player.js";
 import { hearTone, setTone } from "./tone.js";
@@ -16,6 +16,7 @@ let field = { version: -1, transmitters: [] }, fieldAsked = 0, failures = 0, plo
 let chosen = new URLSearchParams(location.hash.slice(1)).get("r") ?? "", truth = true, newest = null, newestAt = 0, legend = "";
 
 async function ask(name) {
+  if (globalThis.offline) return globalThis.offline(name);
   const answer = await fetch(name, { cache: "no-store", signal: AbortSignal.timeout(4000) });
   if (!answer.ok) throw new Error(String(answer.status));
   return answer.json();
@@ -32,6 +33,8 @@ async function poll() {
     const before = store.version, state = await ask(`state.json?since=${before}${player.query()}`);
     failures = 0;
     const taken = store.take(state);
+    player.vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
+    if (state.span && !player.span) player.line = await ask("timeline.json");
     player.take(state); // first, so that the events can be clicked
     if (!taken) store.version = 0;
     else if (state.version !== before || !plotted) show();
@@ -90,13 +93,13 @@ function show() {
   showEvents(store.events, player.span ? (time) => player.go(time) : null);
   showLink(state);
   const search = mine(state);
-  showSearch(search, shown, own(state.transmitters), state.team);
+  showSearch(search, shown, own(state.transmitters), state.team, search && searched(search, vehicles()));
   const outcome = outcomeOf(state, shown ? (state.team.length ? state.transmitters : own(state.transmitters)) : []);
   showOutcome(outcome);
   showVictims(search, outcome, last);
   showTeam(state.team, store.points, chosen, choose);
   showMap({
-    truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen,
+    truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen, background: state.background,
     vehicles: vehicles(), team: state.team.filter((one) => one !== search),
   });
   $("map").setAttribute("aria-label", describe(state, last, shown));
@@ -161,7 +164,7 @@ const SIGNS = {
   transmitter: ["transmitter, dipole", "M2 7H20M16 3l4 4-4 4"], flux: ["flux line", "M0 12Q11-4 22 12"], equal: ["equal d", "M0 7H22"],
   mid: ["within 50 m", "M2 7H20"], inner: ["inner zone", "M2 7H20"],
   dots: ["hypothesis", "M4 7h.1M11 7h.1M18 7h.1"], belief: ["estimate, 2σ", "M2 7a9 5 0 1 0 18 0a9 5 0 1 0-18 0"], goal: ["goal", "M11 0V14M4 7H18"],
-  cross: ["victim", "M6 2l10 10M16 2L6 12"],
+  cross: ["victim", "M6 2l10 10M16 2L6 12"], searched: ["searched", "M2 7H20"],
 };
 
 function showLegend(state, shown) {
@@ -169,7 +172,7 @@ function showLegend(state, shown) {
   const wanted = Object.keys(SIGNS).filter((name) => ({
     vehicle: every.some((one) => !one.ghost), track: every.length, ghost: every.some((one) => one.ghost), bearing: every.length, home: search,
     transmitter: shown && state.transmitters.length, flux: lines, equal: lines, mid: lines, inner: lines,
-    dots: search?.hypotheses.length && !search.found, belief: search?.covariance, goal: search?.goal && !search.found, cross: search?.victims.length,
+    dots: search?.hypotheses.length && !search.found, belief: search?.covariance, goal: search?.goal && !search.found, cross: search?.victims.length, searched: search?.area,
   })[name]);
   if (wanted.join() === legend) return;
   legend = wanted.join();

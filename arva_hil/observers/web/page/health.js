@@ -98,7 +98,8 @@ export function axes([nn, ne, ee]) {
 }
 
 // Places are from the take-off point; those of a team, which has many, are from the datum, as in the team's table.
-export function showSearch(search, truth, transmitters, team) {
+// `share`: of the area that is searched, %.
+export function showSearch(search, truth, transmitters, team, share) {
   $("search").hidden = !search;
   if (!search) return;
   const from = (p) => (team.length ? p : [p[0] - search.take_off[0], p[1] - search.take_off[1]]);
@@ -116,6 +117,8 @@ export function showSearch(search, truth, transmitters, team) {
   const believed = search.found?.place ?? search.mean, id = search.found?.id ?? search.target;
   const real = transmitters.find((one) => one.id === id) ?? (transmitters.length === 1 ? transmitters[0] : null);
   if (truth && believed && real) rows.push(["off the truth", precise(Math.hypot(believed[0] - real.place[0], believed[1] - real.place[1]), 2)]);
+  if (share !== null) rows.push(["area searched", `${share.toFixed(0)} %`]);
+  if (search.left_s !== null) rows.push(["time left", clock(search.left_s)]);
   if (search.ended) rows.push(["ended", search.ended]);
   $("belief").replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
 }

@@ -10,10 +10,12 @@ const canvas = document.getElementById("map"), ink = canvas.getContext("2d");
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const FRAME_MS = 30; // the shortest from one drawing to the next
 let scene = null, due = false, drawn = 0;
-const names = new Names(), OVER = [document.getElementById("legend"), document.querySelector(".map .tools")];
+let names = new Names(), eye = null; // of the map, or of the inset
+const OVER = [document.getElementById("legend"), document.querySelector(".map .tools")];
 const glides = new Map(); // by receiver: from, to, start, length
 
 export const view = new View(canvas, ask);
+eye = view;
 
 export function showMap(next) {
   scene = next;
@@ -51,6 +53,55 @@ function now({ from, to, start, length }) {
   return [from[0] + (to[0] - from[0]) * share, from[1] + (to[1] - from[1]) * share, from[2] + turn * share, share < 1];
 }
 
+// The tracks in metres, east and north, as one line.
+function trace(on, vehicles) {
+  on.beginPath();
+  for (const { points } of vehicles) {
+    let pen = false;
+    for (const point of points) {
+      if (point[N] === null) pen = false;
+      else if (pen) on.lineTo(point[E], point[N]);
+      else { on.moveTo(point[E], point[N]); pen = true; }
+    }
+  }
+  on.lineJoin = on.lineCap = "round";
+}
+
+const small = document.createElement("canvas").getContext("2d", { willReadFrequently: true }), SIDE = 100;
+
+// The share of a search's area within half a strip of a track, %; null if the area is not known.
+export function searched({ area, strip_m }, vehicles) {
+  if (!area || !(strip_m > 0)) return null;
+  const [south, west, north, east] = area, across = SIDE / (east - west), along = SIDE / (north - south);
+  small.canvas.width = small.canvas.height = SIDE; // and it is empty
+  small.setTransform(across, 0, 0, -along, -west * across, north * along);
+  small.lineWidth = strip_m;
+  trace(small, vehicles);
+  small.stroke();
+  return small.getImageData(0, 0, SIDE, SIDE).data.filter((value, i) => i % 4 === 3 && value > 127).length / (SIDE * SIDE) * 100;
+}
+
+function drawSearched({ area, strip_m }) {
+  if (!area || !(strip_m > 0)) return;
+  const [south, west, north, east] = area;
+  ink.save();
+  ink.transform(view.scale, 0, 0, -view.scale, view.x(0), view.y(0));
+  ink.beginPath();
+  ink.rect(west, south, east - west, north - south);
+  ink.strokeStyle = css("--soft");
+  ink.lineWidth = 1.5 / view.scale;
+  ink.setLineDash([8 / view.scale, 6 / view.scale]);
+  ink.stroke();
+  ink.setLineDash([]);
+  ink.clip();
+  trace(ink, scene.vehicles);
+  ink.strokeStyle = css("--good");
+  ink.lineWidth = strip_m;
+  ink.globalAlpha = 0.13;
+  ink.stroke();
+  ink.restore();
+}
+
 function bounds() {
   const box = [Infinity, Infinity, -Infinity, -Infinity];
   const add = (n, e, m = 0) => {
@@ -61,6 +112,8 @@ function bounds() {
   if (scene.truth) for (const one of scene.transmitters.slice(0, 32)) add(one.place[0], one.place[1], 4);
   if (scene.search) {
     add(...scene.search.take_off, 1);
+    const { area, target, victims } = scene.search;
+    if (area && target === null && !victims.length) { add(area[0], area[1]); add(area[2], area[3]); }
     for (const [n, e, share] of scene.search.hypotheses) if (share > 0.02) add(n, e, 1);
     if (scene.search.found) add(...scene.search.found.place, 3);
     for (const one of scene.search.victims) add(...one.place, 3);
@@ -81,13 +134,15 @@ function draw(time) {
   ink.setTransform(ratio, 0, 0, ratio, 0, 0);
   const own = scene.vehicles.find((vehicle) => vehicle.key === scene.chosen), here = own && glides.get(own.key) && now(glides.get(own.key));
   const field = scene.field.filter((lines) => scene.all[lines.index]?.id === lines.id && scene.transmitters.includes(scene.all[lines.index]));
-  if (view.mode === "fit") view.frame(bounds());
+  if (view.mode === "fit") view.frame(bounds(), OVER[0].offsetWidth);
   else if (view.mode === "follow" && here) { view.north = here[0]; view.east = here[1]; }
   ink.fillStyle = css("--ground");
   ink.fillRect(0, 0, view.width, view.height);
+  if (scene.background) drawBackground(scene.background);
   if (scene.truth) for (const one of field) drawZones(one);
   drawGrid();
   if (scene.truth) for (const one of field) drawField(one, field.length < 2);
+  if (scene.search) drawSearched(scene.search);
   for (const vehicle of scene.vehicles) drawTrack(vehicle, vehicle === own);
   for (const { found } of scene.team) if (found) drawPlace(...found.place, "found");
   if (scene.search) drawSearch(scene.search);
@@ -101,8 +156,11 @@ function draw(time) {
     drawVehicle(place, vehicle, vehicle === own);
     moving ||= place[3];
   });
+  const inset = near(here);
+  if (inset) names.avoidElement(inset);
   names.draw(ink, view.width, view.height);
-  drawScale();
+  drawScale(inset ? inset.offsetLeft : view.width);
+  if (inset) drawInset(inset, own, here);
   if (moving) ask();
 }
 
@@ -110,24 +168,32 @@ function draw(time) {
 function path(line, one, closed = false) {
   const [north, east] = scene.all[one.index].place, n = north - one.place[0], e = east - one.place[1];
   ink.beginPath();
-  for (let i = 0; i < line.length; i += 2) ink.lineTo(view.x(line[i + 1] + e), view.y(line[i] + n));
+  for (let i = 0; i < line.length; i += 2) ink.lineTo(eye.x(line[i + 1] + e), eye.y(line[i] + n));
   if (closed) ink.closePath();
+}
+
+const picture = new Image();
+picture.addEventListener("load", ask);
+
+function drawBackground({ reach_m, from }) {
+  if (!picture.src) picture.src = from ?? "background.png";
+  if (picture.naturalWidth) ink.drawImage(picture, view.x(-reach_m), view.y(reach_m), 2 * reach_m * view.scale, 2 * reach_m * view.scale);
 }
 
 function drawZones(one) {
   const outer = one.equal_d.find(([d]) => d === 50);
-  if (outer) { path(outer[1], one, true); ink.fillStyle = css("--mid"); ink.globalAlpha = 0.8; ink.fill(); ink.globalAlpha = 1; }
+  if (outer) { path(outer[1], one, true); ink.fillStyle = css("--mid"); ink.globalAlpha = scene.background ? 0.3 : 0.8; ink.fill(); ink.globalAlpha = 1; }
   if (one.inner.length) { path(one.inner, one, true); ink.fillStyle = css("--inner"); ink.fill(); ink.strokeStyle = css("--warn"); ink.lineWidth = 1.2; ink.stroke(); }
 }
 
 function drawGrid() {
-  const step = nice(70 / view.scale);
+  const step = nice(70 / eye.scale);
   ink.strokeStyle = css("--grid");
   ink.lineWidth = 1;
   ink.beginPath();
-  const west = view.east - view.width / 2 / view.scale, south = view.north - view.height / 2 / view.scale;
-  for (let e = Math.ceil(west / step) * step; view.x(e) < view.width; e += step) { const x = Math.round(view.x(e)) + 0.5; ink.moveTo(x, 0); ink.lineTo(x, view.height); }
-  for (let n = Math.ceil(south / step) * step; view.y(n) > 0; n += step) { const y = Math.round(view.y(n)) + 0.5; ink.moveTo(0, y); ink.lineTo(view.width, y); }
+  const west = eye.east - eye.width / 2 / eye.scale, south = eye.north - eye.height / 2 / eye.scale;
+  for (let e = Math.ceil(west / step) * step; eye.x(e) < eye.width; e += step) { const x = Math.round(eye.x(e)) + 0.5; ink.moveTo(x, 0); ink.lineTo(x, eye.height); }
+  for (let n = Math.ceil(south / step) * step; eye.y(n) > 0; n += step) { const y = Math.round(eye.y(n)) + 0.5; ink.moveTo(0, y); ink.lineTo(eye.width, y); }
   ink.stroke();
 }
 
@@ -137,7 +203,7 @@ function nice(metres) {
 }
 
 const LABELS = [0.625, 0.375, 0.125, 0.875, 0.5, 0, 0.7, 0.3, 0.56, 0.44, 0.2, 0.8]; // where on a line, the best place first
-function visible(x, y) { return x > 30 && x < view.width - 50 && y > 60 && y < view.height - 50; }
+function visible(x, y) { return x > 30 && x < eye.width - 50 && y > 60 && y < eye.height - 50; }
 
 function drawField(one, alone) {
   ink.strokeStyle = alone ? css("--field") : colourOf(one.id);
@@ -151,8 +217,8 @@ function drawField(one, alone) {
     path(line, one, true);
     ink.stroke();
     const at = LABELS.map((share) => Math.floor((line.length / 2 - 1) * share) * 2)
-      .find((i) => visible(view.x(line[i + 1]), view.y(line[i])) && Math.hypot(line[i] - one.place[0], line[i + 1] - one.place[1]) * view.scale > 50);
-    if (at !== undefined) label(ink, `${d} m`, view.x(line[at + 1]), view.y(line[at]), alone ? css("--soft") : colourOf(one.id), "500 11px system-ui, sans-serif", "center");
+      .find((i) => visible(eye.x(line[i + 1]), eye.y(line[i])) && Math.hypot(line[i] - one.place[0], line[i + 1] - one.place[1]) * eye.scale > 50);
+    if (at !== undefined) label(ink, `${d} m`, eye.x(line[at + 1]), eye.y(line[at]), alone ? css("--soft") : colourOf(one.id), "500 11px system-ui, sans-serif", "center");
   }
   ink.setLineDash([]);
   ink.globalAlpha = 1;
@@ -169,7 +235,7 @@ function drawTrack(vehicle, own) {
   vehicle.points.forEach((point, i) => {
     if (point[N] === null) { pen = false; return; }
     const [n, e] = i === last && place ? place : [point[N], point[E]];
-    const px = view.x(e), py = view.y(n);
+    const px = eye.x(e), py = eye.y(n);
     if (pen && i !== last && Math.abs(px - x) + Math.abs(py - y) < 1.5) return; // too small to see
     if (pen) ink.lineTo(px, py); else ink.moveTo(px, py);
     [pen, x, y] = [true, px, py];
@@ -179,7 +245,7 @@ function drawTrack(vehicle, own) {
 }
 
 function drawTransmitter(one) {
-  const x = view.x(one.place[1]), y = view.y(one.place[0]), colour = colourOf(one.id);
+  const x = eye.x(one.place[1]), y = eye.y(one.place[0]), colour = colourOf(one.id);
   const length = 24, [n, e, d] = one.axis, dx = e * length, dy = -n * length, flat = Math.hypot(n, e);
   ink.lineCap = "round";
   for (const [width, style] of [[7, css("--ground")], [4, colour]]) {
@@ -208,7 +274,7 @@ function disc(x, y, radius, colour) { ink.beginPath(); ink.arc(x, y, radius, 0, 
 
 // A vehicle that is not seen any more, where it was last: dashed, with its age, distance and direction.
 function drawGhost(vehicle) {
-  const [north, east, yaw] = vehicle.ghost.place, x = view.x(east), y = view.y(north), colour = css("--warn");
+  const [north, east, yaw] = vehicle.ghost.place, x = eye.x(east), y = eye.y(north), colour = css("--warn");
   ink.save();
   ink.translate(x, y);
   ink.rotate((yaw * Math.PI) / 180);
@@ -225,10 +291,10 @@ function drawGhost(vehicle) {
 }
 
 function drawVehicle([north, east, yaw], vehicle, own) {
-  const x = view.x(east), y = view.y(north), best = own ? nearest(vehicle.points.at(-1)) : null;
+  const x = eye.x(east), y = eye.y(north), best = own ? nearest(vehicle.points.at(-1)) : null;
   ink.save();
   ink.translate(x, y);
-  if (best && best[ZONE] !== 2) drawBearing(yaw + best[DELTA], colourOf(best[0]), best[CM] / 100 * view.scale);
+  if (best && best[ZONE] !== 2) drawBearing(yaw + best[DELTA], colourOf(best[0]), best[CM] / 100 * eye.scale);
   ink.rotate((yaw * Math.PI) / 180);
   const colour = own ? css("--ink") : css("--soft"), r = own ? 11 : 9;
   drawFrame(colour, r);
@@ -278,23 +344,23 @@ function drawSearch(search) {
   const colour = css("--belief"), [n0, e0] = search.take_off;
   ink.strokeStyle = css("--soft");
   ink.lineWidth = 2;
-  ink.strokeRect(view.x(e0) - 6, view.y(n0) - 6, 12, 12);
+  ink.strokeRect(eye.x(e0) - 6, eye.y(n0) - 6, 12, 12);
   const place = search.found?.place ?? search.mean, covariance = search.found?.covariance ?? search.covariance;
   for (const [n, e, share] of search.found ? [] : search.hypotheses) {
     ink.globalAlpha = 0.35 + 0.5 * share;
-    disc(view.x(e), view.y(n), 3 + 9 * Math.sqrt(share), colour);
+    disc(eye.x(e), eye.y(n), 3 + 9 * Math.sqrt(share), colour);
   }
   ink.globalAlpha = 1;
   ink.strokeStyle = colour;
   if (place && covariance) {
     const { a, b, angle } = axes(covariance);
     ink.beginPath();
-    ink.ellipse(view.x(place[1]), view.y(place[0]), Math.max(2, 2 * a * view.scale), Math.max(2, 2 * b * view.scale), angle - Math.PI / 2, 0, 2 * Math.PI);
+    ink.ellipse(eye.x(place[1]), eye.y(place[0]), Math.max(2, 2 * a * eye.scale), Math.max(2, 2 * b * eye.scale), angle - Math.PI / 2, 0, 2 * Math.PI);
     ink.globalAlpha = 0.13; ink.fillStyle = colour; ink.fill();
     ink.globalAlpha = 1; ink.lineWidth = 1.8; ink.stroke();
   }
   if (search.goal && !search.found) {
-    const x = view.x(search.goal[1]), y = view.y(search.goal[0]);
+    const x = eye.x(search.goal[1]), y = eye.y(search.goal[0]);
     ink.lineWidth = 2;
     ink.beginPath();
     ink.arc(x, y, 12, 0, 2 * Math.PI);
@@ -305,7 +371,7 @@ function drawSearch(search) {
 }
 
 function drawPlace(n, e, words) {
-  const x = view.x(e), y = view.y(n), colour = css("--belief");
+  const x = eye.x(e), y = eye.y(n), colour = css("--belief");
   for (const [width, style] of [[7, css("--ground")], [3.4, colour]]) {
     ink.lineWidth = width; ink.strokeStyle = style;
     ink.beginPath();
@@ -315,8 +381,36 @@ function drawPlace(n, e, words) {
   names.add(words, x, y, colour, 2, [[-16, -14, "right"], ...BESIDE(16)]);
 }
 
-function drawScale() {
-  const metres = nice(110 / view.scale), width = metres * view.scale, x = 16, y = view.height - 18;
+// Where the last metres are drawn larger: 5 m around the estimate, once the vehicle is near; null if not at all.
+function near(here) {
+  const { found, mean } = scene.search ?? {}, place = found?.place ?? mean;
+  if (!place || view.width < 420 || view.scale > 15 || (!found && !(here && Math.hypot(here[0] - place[0], here[1] - place[1]) < 8))) return null;
+  const size = Math.min(220, 0.4 * view.height, 0.3 * view.width);
+  return { north: place[0], east: place[1], offsetLeft: view.width - size - 10, offsetTop: view.height - size - 10, offsetWidth: size, offsetHeight: size };
+}
+
+function drawInset({ north, east, offsetLeft: left, offsetTop: top, offsetWidth: size }, own, here) {
+  const outer = names;
+  names = new Names();
+  eye = { width: size, height: size, scale: size / 10, north, east, x: (e) => size / 2 + (e - east) * size / 10, y: (n) => size / 2 - (n - north) * size / 10 };
+  ink.save();
+  ink.translate(left, top);
+  ink.beginPath(); ink.rect(0, 0, size, size); ink.clip();
+  ink.fillStyle = css("--ground"); ink.fill();
+  drawGrid();
+  if (own) drawTrack(own, true);
+  drawSearch(scene.search);
+  if (scene.truth) scene.transmitters.forEach(drawTransmitter);
+  if (own && here && !own.ghost) drawVehicle(here, own, true);
+  names.draw(ink, size, size);
+  ink.strokeStyle = css("--ink"); ink.lineWidth = 3; ink.strokeRect(0, 0, size, size);
+  label(ink, "10 m × 10 m", 8, 14, css("--ink"));
+  ink.restore();
+  [eye, names] = [view, outer];
+}
+
+function drawScale(right) {
+  const metres = nice(110 / eye.scale), width = metres * eye.scale, x = 16, y = eye.height - 18;
   ink.strokeStyle = css("--ink");
   ink.lineWidth = 2;
   ink.lineCap = "butt";
@@ -324,7 +418,8 @@ function drawScale() {
   ink.moveTo(x, y - 6); ink.lineTo(x, y); ink.lineTo(x + width, y); ink.lineTo(x + width, y - 6);
   ink.stroke();
   label(ink, metres >= 1000 ? `${metres / 1000} km` : `${+metres.toPrecision(2)} m`, x + width / 2, y - 11, css("--ink"), FONT, "center");
-  const nx = view.width - 26, ny = view.height - 34;
+  label(ink, scene.background?.about ?? "", x + width + 14, y, css("--ink"));
+  const nx = right - 26, ny = eye.height - 34;
   ink.fillStyle = css("--ink");
   ink.beginPath();
   ink.moveTo(nx, ny - 14); ink.lineTo(nx + 7, ny + 8); ink.lineTo(nx, ny + 3); ink.lineTo(nx - 7, ny + 8); ink.closePath(); ink.fill();

@@ -1,6 +1,7 @@
 // The player of a record: the chosen time, and playing from there.
 
 import { clock } from "./store.js";
+import { showTimeLine } from "./timeline.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -13,6 +14,14 @@ export class Player {
     this.asked = null;
     this.playing = false;
     this.before = 0;
+    this.window = null; // of time that the slider and the line show
+    this.line = { phases: [], faults: [], marks: [], events: [] };
+    this.vehicle = "";
+    $("longer").addEventListener("click", () => this.zoom(2));
+    $("shorter").addEventListener("click", () => this.zoom(0.5));
+    $("line").addEventListener("wheel", (event) => { event.preventDefault(); this.zoom(event.deltaY > 0 ? 1.25 : 0.8); }, { passive: false });
+    $("line").addEventListener("pointerdown", (event) => { $("line").setPointerCapture(event.pointerId); this.point(event); });
+    $("line").addEventListener("pointermove", (event) => { if (event.buttons) this.point(event); });
     $("slider").addEventListener("input", () => { this.at = Number($("slider").value); this.show(); this.changed(); });
     $("play").addEventListener("click", () => this.play(!this.playing));
   }
@@ -24,6 +33,20 @@ export class Player {
     this.at = Math.min(this.span[1], Math.max(this.span[0], at));
     this.show();
     this.changed();
+  }
+
+  // Goes to the time under a pointer.
+  point(event) {
+    const { left, width } = $("line").getBoundingClientRect(), [from, to] = this.window;
+    this.go(from + ((event.clientX - left) / width) * (to - from));
+  }
+
+  // Shows so many times as much time around the chosen one.
+  zoom(by) {
+    const [first, end] = this.span, length = Math.min(end - first, Math.max(2, by * (this.window[1] - this.window[0])));
+    const from = Math.min(end - length, Math.max(first, this.at - length / 2));
+    this.window = [from, from + length];
+    this.show();
   }
 
   play(on) {
@@ -53,14 +76,16 @@ export class Player {
     this.span = state.span;
     if (first) {
       $("player").hidden = false;
-      $("slider").min = state.span[0];
-      $("slider").max = state.span[1];
+      this.window = state.span;
       this.at = this.asked = state.at;
     }
     this.show();
   }
 
   show() {
+    if (this.at < this.window[0] || this.at > this.window[1]) this.zoom(1);
+    [$("slider").min, $("slider").max] = this.window;
+    showTimeLine(this.line, this.window, this.at, this.vehicle);
     $("slider").value = this.at;
     $("slider").setAttribute("aria-valuetext", clock(this.at));
     $("at").textContent = `${clock(this.at)} of ${clock(this.span[1])}`;

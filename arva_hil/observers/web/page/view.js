@@ -50,13 +50,13 @@ export class View {
     this.changed();
   }
 
-  // Shows a box [south, west, north, east] with a margin.
-  frame(box) {
+  // Shows a box [south, west, north, east] with a margin, beside what covers `left` pixels.
+  frame(box, left) {
     const [south, west, north, east] = box, margin = Math.min(70, this.width * 0.12);
     this.north = (south + north) / 2;
-    this.east = (west + east) / 2;
     const across = Math.max(6, east - west), along = Math.max(6, north - south);
-    this.scale = Math.min((this.width - 2 * margin) / across, (this.height - 2 * margin) / along, 60);
+    this.scale = Math.min((this.width - left - 2 * margin) / across, (this.height - 2 * margin) / along, 60);
+    this.east = (west + east - left / this.scale) / 2;
   }
 
   down(event) {
