@@ -13,6 +13,7 @@ PROGRAMS = {
     "bench house": "tools.house",
     "bench finds": "tools.measure_false_finds",
     "bench worlds": "tools.measure_worlds",
+    "bench page": "tools.page_moments",
     "figures paper": "tools.paper_figures",
     "figures receivers": "tools.receiver_figures",
     "figures pulses": "tools.receiver_pictures",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from arva_hil.campaign.results import TrialRow, groups, wilson
+from arva_hil.campaign.results import Difference, TrialRow, differences, groups, wilson
 from arva_hil.records.pictures.style import GREY, PALETTE, SCREEN, Format, Print, saved, styled
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ def draw(rows: Sequence[TrialRow], success_m: float, format: Format = "svg", for
     for column, label in _NUMBERS.items():
         if len(groups(rows, column)) > (_VALUES if column == "distance_m" else 2):
             kinds[f"Success by {label.partition(',')[0]}"] = functools.partial(_by_number, column)
+    if paired := differences(rows, success_m):
+        kinds["Differences on the same trials, with 95 % intervals"] = functools.partial(_differences, paired)
     drawn = {}
     with styled({**_STYLE, **form.style}):
         for caption, plot in kinds.items():
@@ -57,7 +59,10 @@ def draw(rows: Sequence[TrialRow], success_m: float, format: Format = "svg", for
             axes = made.add_subplot()
             plot(axes, rows, success_m)
             handles, labels = axes.get_legend_handles_labels()
-            made.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 2 if form.width_in else 4))
+            if labels:
+                made.legend(
+                    handles, labels, loc="outside upper center", ncols=min(len(labels), 2 if form.width_in else 4)
+                )
             drawn[caption] = saved(made, format, transparent=format == "svg")  # the page may be dark
     return drawn
 
@@ -94,6 +99,18 @@ def _error(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set(xlim=(_LEAST_ERROR_M, most), xlabel=f"error, m (dotted: a success, {success_m:g} m)")
+
+
+def _differences(paired: Sequence[Difference], axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
+    """Draw the difference of each strategy's success rate to that of the first strategy."""
+    shades = colours(row.strategy for row in rows)
+    axes.axvline(0, color=GREY, lw=1, ls=":")
+    for n, one in enumerate(paired):
+        mean, low, high = (100 * x for x in one.success)
+        axes.errorbar(mean, n, xerr=[[mean - low], [high - mean]], fmt="o", ms=5, lw=2, color=shades[one.strategy])
+    axes.set(ylim=(len(paired) - 0.5, -0.5), xlabel=f"success, points more than {paired[0].other}")
+    axes.set_yticks(range(len(paired)), [one.strategy for one in paired])
+    axes.grid(visible=False, axis="y")
 
 
 def _by_number(column: str, axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:

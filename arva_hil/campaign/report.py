@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
 from arva_hil.campaign import charts
-from arva_hil.campaign.results import Pair, Summary, TrialRow, groups, summary
+from arva_hil.campaign.results import Pair, Summary, TrialRow, differences, groups, summary
 from arva_hil.campaign.trial import FOUND
 from arva_hil.records.report.html import render
 from arva_hil.safe_text import table_lines
@@ -39,6 +40,35 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
     foot = f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %; "
     foot += "false: found, but more than 2 m / 3σ off"
     return "\n".join([*lines, foot, *([far] if far else [])])
+
+
+def latex(rows: Sequence[TrialRow], success_m: float) -> str:
+    """Return the table of the strategies and their differences on the same trials, for LaTeX with booktabs."""
+    table = [("strategy", *_HEAD)]
+    table += [(name, *_cells(summary(some, success_m))) for (name,), some in groups(rows, "strategy").items()]
+    lines = [" & ".join(map(_escaped, row)) + r" \\" for row in table]
+    made = [
+        r"\begin{tabular}{l" + "r" * len(_HEAD) + "}",
+        r"\toprule",
+        lines[0],
+        r"\midrule",
+        *lines[1:],
+        r"\bottomrule",
+    ]
+    made.append(r"\end{tabular}")
+    for one in differences(rows, success_m):
+        rate = _interval(*(100 * x for x in one.success), form="+.1f", unit="points")
+        time = _interval(*one.time_s, form="+.0f", unit="s") if one.time_s else "no pair of successes"
+        made.append(f"% {one.strategy} against {one.other} on {one.trials} trials: success {rate}, time {time}")
+    return "\n".join([*made, f"% success: the place reported is within {success_m:g} m; a / b: median / 90 %", ""])
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("–", "--").replace("<", "$<$")
+
+
+def _interval(mean: float, low: float, high: float, *, form: str, unit: str) -> str:
+    return f"{mean:{form}} {unit}, 95 % from {low:{form}} to {high:{form}}"
 
 
 def found_far(rows: Sequence[TrialRow], success_m: float) -> str:

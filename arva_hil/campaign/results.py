@@ -253,6 +253,7 @@ def replace(path: Path, data: bytes) -> None:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
 
 
+_SAME: Final = "seed scenario noise wind_m_s gps_noise_m take_off_m drones height_m speed_m_s limit_s".split()
 _Z: Final = 1.959963984540054  # of the standard normal distribution, 97.5 %
 
 Pair = tuple[float, float]
@@ -311,6 +312,46 @@ def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
         (sum(inside[0]) / len(inside[0]), sum(inside[1]) / len(inside[1])) if inside[0] else None,
         (far, inside[2].count(False)),
     )
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The difference of a strategy to another one on the same trials: mean, and the ends of its 95 % interval.
+
+    `success`: of the success rate. `time_s`: of the trials in which both succeed; None for fewer than two.
+    """
+
+    strategy: str
+    other: str
+    trials: int
+    success: tuple[float, float, float]
+    time_s: tuple[float, float, float] | None
+
+
+def differences(rows: Sequence[TrialRow], success_m: float) -> list[Difference]:
+    """Return the differences of each strategy to the first one, on the trials that both flew."""
+    first, *others = dict.fromkeys(row.strategy for row in rows)
+    found = []
+    for strategy in others:
+        pairs = [
+            (mine[strategy], mine[first])
+            for some in groups(rows, *_SAME).values()
+            if {strategy, first} <= (mine := {row.strategy: row for row in some}).keys()
+        ]
+        won = [(a.success(success_m), b.success(success_m)) for a, b in pairs]
+        success = _mean([float(a) - float(b) for a, b in won])
+        time_s = _mean([a.time_s - b.time_s for (a, b), both in zip(pairs, won, strict=True) if all(both)])
+        if success:
+            found.append(Difference(strategy, first, len(pairs), success, time_s))
+    return found
+
+
+def _mean(values: list[float]) -> tuple[float, float, float] | None:
+    """Return the mean, and the ends of its interval by the normal distribution; None for fewer than two values."""
+    if len(values) < 2:
+        return None
+    mean, half = float(np.mean(values)), _Z * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return mean, mean - half, mean + half
 
 
 def groups(rows: Iterable[TrialRow], *columns: str) -> dict[tuple[Any, ...], list[TrialRow]]:

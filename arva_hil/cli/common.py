@@ -74,8 +74,8 @@ def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
     return faults
 
 
-def describe(chosen: Scenario) -> list[str]:
-    """Return the scenario in a few lines, for a person."""
+def describe(chosen: Scenario, *, hidden: bool = False) -> list[str]:
+    """Return the scenario in a few lines, for a person. `hidden`: without the transmitters."""
     lines = [f"scenario {chosen.source}: {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}, seed {chosen.seed}"]
     if chosen.vehicles:
         lines = [f"scenario {chosen.source}: vehicles {len(chosen.vehicles)}, receivers {len(receivers_of(chosen))}"]
@@ -83,7 +83,7 @@ def describe(chosen: Scenario) -> list[str]:
         for r in vehicle.receivers:
             what = f"{r.receiver.rate_hz:g} Hz, {r.output_format}, seed {r.seed}"
             lines.append(f"  receiver {vehicle.name}/{r.name}: {what}")
-    for t in chosen.transmitters:
+    for t in () if hidden else chosen.transmitters:
         below = None if t.depth_m is None else f"{t.depth_m:g} m below the ground"
         if t.ned is not None:
             north, east, down = t.ned
@@ -181,7 +181,7 @@ class Run:
         every: tuple[Observer | None, ...] = (self.printer, self._lines, self._recorder, self.page)
         self.observers: list[Observer] = [self, *filter(None, every), *self._plug_ins]
         self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and the traffic instead
-        for line in describe(chosen):
+        for line in describe(chosen, hidden=getattr(options, "hide_truth", False)):
             self.printer.say(line)
         if self._recorder:
             self._recorder.broken_off = self._is_broken_off

@@ -25,6 +25,8 @@ def main(options: argparse.Namespace) -> int:
     form = Print(options.size or (COLUMN_IN if options.paper else None), options.dpi, options.paper)
     if is_campaign(options.run):
         return _campaign(options, out, format, sheet, form)
+    if options.latex:
+        raise UsageError(f"--latex: {options.run} is a record: the table is of a campaign")
     recording = loaded(options.run)
     with needing("plots", "plot"):
         if sheet:
@@ -41,19 +43,22 @@ def main(options: argparse.Namespace) -> int:
 
 def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str | None, form: Print) -> int:
     """Draw the charts of a campaign's results into a folder."""
-    from arva_hil.campaign import charts, results  # slow to import
+    from arva_hil.campaign import charts, report, results  # slow to import
 
     if sheet:
         raise UsageError(f"--out {out}: a campaign has a file for each chart: name a folder")
     try:
         with results.opened(Path(options.run)) as kept, needing("plots", "plot"):
-            drawn = charts.draw(list(kept.rows.values()), kept.success_m(), format, form)
+            rows = list(kept.rows.values()), kept.success_m()
+            drawn = charts.draw(*rows, format, form)
     except results.ResultsError as error:
         raise Failure(FAILED, error) from None
     make_folder(out)
     for caption, data in drawn.items():
         name = re.sub("[^a-z]+", "-", re.split("[,:(]", caption.lower())[0]).strip("-")
         write(out / f"{name}.{format}", data)
+    if options.latex:
+        write(out / "table.tex", report.latex(*rows).encode())
     return OK
 
 

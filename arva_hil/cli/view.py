@@ -40,7 +40,7 @@ def main(options: argparse.Namespace) -> int:
             write(Path(options.out), page)
             tell(f"{options.out}: {len(page) / 1e6:.1f} MB, needs neither arva-hil nor a network")
             return OK
-        server = _serve(options.web, state)
+        server = serve(options.web, state)
         stack.callback(server.close)
         for line in said_of_page(server.address, options.web):
             tell(line)
@@ -70,7 +70,7 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
         return load(folder)
 
 
-def _serve(address: HostPort, state: RecordedState) -> Server:
+def serve(address: HostPort, state: RecordedState) -> Server:
     """Return the page of a record; every request has its time. Raises WebError."""
     lock = threading.Lock()
 

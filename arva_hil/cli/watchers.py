@@ -47,6 +47,7 @@ def page_of_run(
             faults=[str(fault) for fault in chosen.faults],
             named=named,
             background=background_of(options.map, chosen),
+            hidden=getattr(options, "hide_truth", False),
         )
 
     return open_page(options.web, state, say)

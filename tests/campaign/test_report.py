@@ -7,13 +7,14 @@ import sys
 from dataclasses import replace
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.campaign import charts, report
-from arva_hil.campaign.results import TrialRow, groups, row, summary, wilson
+from arva_hil.campaign.results import TrialRow, differences, groups, row, summary, wilson
 
 from .fakes import fake, planned
 
@@ -67,6 +68,21 @@ def test_the_table_has_a_line_for_each_strategy_with_its_interval() -> None:
     assert re.split(r"\s{2,}", flux)[5:] == ["15 / 19", "14 / 17", "1.00 / 7.40", "–", "–", "1 / 0"]
     assert re.split(r"\s{2,}", estimate) == ["estimate", "2", "0", "0.0 %", "0.0–65.8 %", *"–––––", "0 / 0"]
     assert "within 2 m" in foot
+
+
+def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
+    flux = [replace(one, seed=n) for n, one in enumerate(runs(0.5, 1.0, None, 9.0))]
+    other = [
+        replace(one, seed=n, time_s=one.time_s + n) for n, one in enumerate(runs(0.5, 1.0, 1.0, 9.0, strategy="a_b"))
+    ]
+    (one,) = differences([*flux, *other, replace(ONE, seed=99, strategy="a_b")], 2.0)
+    assert (one.strategy, one.other, one.trials) == ("a_b", "flux", 4)
+    half = 1.959963984540054 * np.std([0, 0, 1, 0], ddof=1) / 2
+    assert one.success == pytest.approx((0.25, 0.25 - half, 0.25 + half))
+    assert one.time_s == pytest.approx((0.5, 0.5 - 1.959963984540054 / 2, 0.5 + 1.959963984540054 / 2))
+    table = report.latex([*flux, *other], 2.0)
+    assert r"a\_b & 4 & 3 & 75.0 \% & 30.1--95.4 \% &" in table
+    assert "a_b against flux on 4 trials: success +25.0 points, 95 % from -24.0 to +74.0" in table
 
 
 @pytest.fixture(scope="module")
@@ -133,10 +149,11 @@ def test_the_charts_are_drawn_and_success_by_distance_where_distances_are_many()
         "Success",
         "Time until the transmitter is found",
         "Error of the place reported",
+        "Differences on the same trials",
     ]
     many = [replace(one, distance_m=float(n)) for n, one in enumerate(ROWS)]
     drawn = charts.draw(many, 2.0)
-    assert list(drawn)[:3] == list(few)
+    assert list(drawn)[:3] == list(few)[:3]
     assert "distance" in list(drawn)[3]
     for svg in drawn.values():
         assert ElementTree.fromstring(svg).tag.endswith("svg")

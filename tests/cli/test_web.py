@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 import re
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -393,6 +394,42 @@ def test_one_key_shows_the_receiver_alone_and_its_arrow_turns_the_short_way(tab:
             assert box["height"] >= 95  # pixels: 25 mm of a usual screen
             tab.page.keyboard.press("Escape")
             assert tab.page.locator("#map").is_visible()
+    finally:
+        page.close()
+
+
+def test_a_lesson_hides_the_truth_and_has_a_score_at_the_end(tab: Tab) -> None:
+    state = State("run", "lesson.yaml", hidden=True)
+    places = np.array([[10.0, 0.0, 1.0], [20.0, 0.0, 1.0]])
+    there = Transmitters((1, 2), places, np.array([np.eye(3)] * 2), np.ones(2))
+    state.update(
+        [StatusReport(1.0, [VehicleStatus("vehicle", "", {}, [ReceiverStatus("receiver", None, 5, 0, there)])])]
+    )
+    page = WebPage(HostPort("127.0.0.1", 0), state)
+    reading = Reading((ChannelReading(1, 1, 1234, -12, 9.75),), False, False)
+    frame = Frame(5, 1, (Channel(1, 1, 1234, -12),))
+    try:
+        tab.open(page.address.url)
+        for n, north in ((30, 10.6), (50, 14.0)):
+            where = Pose([north, 0.8, -3.0], np.eye(3))
+            page.observe(
+                FrameMade(float(n), "vehicle", "receiver", n, float(n), None, where, 0.1, reading, frame, True, 0.0)
+            )
+            tab.page.wait_for_selector(f'#number[data-time="{n}"]')
+            tab.page.keyboard.press("m")
+        with urllib.request.urlopen(f"{page.address.url}state.json") as answer:
+            text = answer.read().decode()
+        assert "9.75" not in text
+        assert json.loads(text)["transmitters"] == []
+        assert not tab.page.locator("#truth").is_visible()
+        page.close("stopped")
+        tab.shows("#outcome-title", "1 of 2 found, 1 not sure")
+        assert "mean error 3.5 m, 50 s" in tab.text("#outcome-why")
+        rows = tab.page.locator("#outcome-list li").all_inner_texts()
+        assert "Victim 1 (transmitter 1)" in rows[0]
+        assert "1.0 m off, 30 s" in rows[0]
+        assert "Victim 2 (transmitter 2)" in rows[1]
+        assert "6.1 m off, 50 s, more than 2 m from the next transmitter" in rows[1]
     finally:
         page.close()
 

@@ -268,6 +268,9 @@ def asks(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
 
 
 def views(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    if "--out" in words:
+        bench.ends(*words, **environment)
+        return
     program = bench.start(*words, **environment)
     program.says("page: http://")
     program.stops()

@@ -59,6 +59,7 @@ def plot(parser: CommandParser) -> None:
     size = "width of a picture, e.g. 7.16 for both columns"
     parser.option("--size INCHES", size, number(1, 20, " of inches"), environment=False)
     parser.option("--dpi N", "resolution of PNG", whole(50, 1200), environment=False)
+    parser.option("--latex", "of a campaign also the table, table.tex, for LaTeX with booktabs", environment=False)
 
 
 def compare(parser: CommandParser) -> None:

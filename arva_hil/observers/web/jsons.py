@@ -64,15 +64,15 @@ def point(
     )
 
 
-def point_of(made: FrameMade, offset: tuple[float, float, float]) -> str:
-    """Return a frame as a point. `offset`: of the vehicle's datum in the map, NED, metres."""
+def point_of(made: FrameMade, offset: tuple[float, float, float], *, hidden: bool = False) -> str:
+    """Return a frame as a point. `offset`: of the vehicle's datum in the map, NED, metres. `hidden`: without ranges."""
     place: tuple[float | None, ...] = (None, None, None)
     yaw_deg = None
     if made.pose is not None:
         place = tuple(a + b for a, b in zip(made.pose.position.tolist(), offset, strict=True))
         rotation = made.pose.rotation
         yaw_deg = math.degrees(math.atan2(rotation[1, 0], rotation[0, 0]))
-    ranges = [c.true_range_m for c in made.reading.channels]
+    ranges = [None if hidden else c.true_range_m for c in made.reading.channels]
     return point(
         made.instant_s,
         place,

@@ -50,7 +50,7 @@ class State:
     `kind`: of the run: run, replay, demo, search or view. `title`: a line for a person. `known`: whether the scenario
     is known, so that the page has the truth. `datum`: degrees, degrees, metres AMSL, if the scenario fixes it.
     `faults`: of the scenario, in words. `named`: there are several receivers.
-    `background`: draws the picture under the map.
+    `background`: draws the picture under the map. `hidden`: the truth is left out until the end, for a lesson.
     """
 
     def __init__(
@@ -66,8 +66,10 @@ class State:
         faults: Iterable[str] = (),
         named: bool = False,
         background: Source | None = None,
+        hidden: bool = False,
     ) -> None:
         self.version = 1
+        self._hidden = hidden
         self._draw_background = background
         self._background: Background | None = None
         self.health = Health(dict(asked_hz or {}), dict(links or {}))
@@ -78,6 +80,7 @@ class State:
             "kind": kind,
             "title": title,
             "known": known,
+            "lesson": hidden,
             "planned_faults": list(faults),
         }
         if datum is not None:
@@ -135,7 +138,7 @@ class State:
 
     def end(self, how: str, *, failed: bool = False) -> None:
         """End the run with its result. `failed`: the run has failed."""
-        self._ended, self._failed = one_line(how), failed
+        self._ended, self._failed, self._hidden = one_line(how), failed, False
         self._new_version()
 
     def fail(self, why: str) -> None:
@@ -175,7 +178,7 @@ class State:
         texts = []
         for made in shown:
             if isinstance(made, FrameMade):
-                texts.append(jsons.point_of(made, offset))
+                texts.append(jsons.point_of(made, offset, hidden=self._hidden))
             elif isinstance(made, FrameHeard):
                 texts.append(self._heard(made, key[0]))
         receiver.history.extend(texts, self.version)
@@ -198,7 +201,7 @@ class State:
     def draw_field(self) -> None:
         """Compute the lines of the field again if transmitters have moved, or the receiver has climbed."""
         downs = (receiver.down_m for receiver in self._receivers.values())
-        if self._truth.draw(next((down for down in downs if down is not None), None)):
+        if not self._hidden and self._truth.draw(next((down for down in downs if down is not None), None)):
             self._new_version()
 
         if self._draw_background and self.places.origin:
@@ -247,6 +250,7 @@ class State:
         head = {
             **self._about,
             **self.head,
+            "known": self._about["known"] and not self._hidden,
             "version": self.version,
             "full": full,
             "time_s": round(self._time_s - (self._start_s or 0.0), 3),
@@ -262,7 +266,7 @@ class State:
             "all_events": events is None,
         }
         parts_of_body = {
-            "transmitters": self._truth.text,
+            "transmitters": "[]" if self._hidden else self._truth.text,
             "events": f"[{','.join(said)}]",
             "receivers": f"[{','.join(receivers)}]",
         }

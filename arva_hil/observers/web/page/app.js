@@ -5,6 +5,7 @@ import { showDisplay } from "./display.js";
 import { outcomeOf, showOutcome, showVictims } from "./outcome.js";
 import { searched, showMap, vehicleAt, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
+import { lesson, mark } from "./lesson.js";
 import { Player } from "./player.js";
 import { hearTone, setTone } from "./tone.js";
 import { E, IN_WORDS, N, Store, T, YAW, away, clock, el, forgetColours, placed } from "./store.js";
@@ -75,6 +76,8 @@ function show() {
   if (!state) { showBanner(); return; }
   if (!store.points.has(chosen)) chosen = store.keys[0] ?? "";
   const every = points(), last = every.at(-1);
+  if (state.lesson && !state.search) state.search = lesson(state);
+  $("mark").hidden = !state.lesson || Boolean(state.ended);
   if (last !== newest) { newest = last; newestAt = performance.now(); }
   const old = !state.ended && (Boolean(stale()) || failures >= 2);
   const shown = truth && state.known;
@@ -231,8 +234,15 @@ document.addEventListener("keydown", (event) => {
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
   if (step && player.span && event.target.id !== "map") { player.go(player.at + step * period(points())); event.preventDefault(); return; }
   if (event.key === "r" || event.key === "R") $("full").click();
+  else if (event.key === "m" || event.key === "M") $("mark").click();
   else if (event.key === "t" || event.key === "T") $("sound").click();
   else if (event.key === "Escape" && $("full").textContent === "Close") setFull(false);
+});
+$("mark").addEventListener("click", () => {
+  if (!store.state?.lesson) return;
+  mark(store.state, points().at(-1));
+  store.state.search = null; // it has one more
+  show();
 });
 function choose(key) { chosen = $("receiver").value = key; plotted = 0; show(); }
 $("receiver").addEventListener("change", () => choose($("receiver").value));

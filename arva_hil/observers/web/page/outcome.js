@@ -9,7 +9,7 @@ let shownCard = "";
 export function outcomeOf(state, transmitters) {
   const searches = state.team.length ? state.team : state.search ? [state.search] : [];
   if (!searches.length) return null;
-  const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle })));
+  const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle, doubt: search.doubt ?? "not sure: the readings do not agree" })));
   const heard = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
   const wanted = state.team.length || searches[0].wanted === null ? transmitters.length || null : searches[0].wanted;
   const found = new Set(victims.map((one, i) => one.id ?? `place ${i}`)), sure = new Set(victims.map((one, i) => (one.sure ? one.id ?? `place ${i}` : null)).filter((id) => id !== null)), count = sure.size;
@@ -43,7 +43,7 @@ export function showOutcome(outcome) {
 }
 
 function foundRow(one, i) {
-  const facts = [one.off_m === null ? "" : `${precise(one.off_m, 1)} off`, one.took_s === null ? "" : `${one.took_s.toFixed(0)} s`, one.sure ? "" : "not sure: the readings do not agree", one.marked ? "marked" : "", one.by ? `by ${one.by}` : ""];
+  const facts = [one.off_m === null ? "" : `${precise(one.off_m, 1)} off`, one.took_s === null ? "" : `${one.took_s.toFixed(0)} s`, one.sure ? "" : one.doubt, one.marked ? "marked" : "", one.by ? `by ${one.by}` : ""];
   const row = el("li", { "data-level": one.sure ? "good" : "warn" }, el("span", { class: "sign", "aria-hidden": "true" }),
     el("b", {}, signOf(one.id), `Victim ${i + 1}${one.id === null ? "" : ` (transmitter ${one.id})`}`), el("span", {}, facts.filter(Boolean).join(", ")));
   if (one.lat_lon) {
