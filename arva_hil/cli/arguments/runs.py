@@ -25,7 +25,7 @@ def run(parser: CommandParser) -> None:
     parser.option("--timeout S", "end if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0)
     parser.group("scenario")
     shared.add_scenario(parser)
-    parser.option("--hide-truth", "for a lesson: show on the page and in the terminal no true places until the end")
+    parser.option("--hide-truth", "for a lesson: leave the true places out of the page and the terminal until the end")
     shared.add_duration(parser)
     parser.group("output")
     shared.add_common(parser)
