@@ -9,7 +9,7 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,11 @@ from typing import Final
 
 from arva_hil.cli import common, search_report
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
-from arva_hil.cli.pace import Pace
 from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
 from arva_hil.cli.search_report import PICTURE
+from arva_hil.cli.search_report import name as name_of
 from arva_hil.cli.terminal import tell
-from arva_hil.cli.victims_report import name as name_of
-from arva_hil.clock import Clock, RealClock, StepClock, utc
+from arva_hil.clock import Clock, RealClock, StepClock, Waitable, utc
 from arva_hil.config import Scenario
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
@@ -38,6 +37,40 @@ from arva_hil.registry import over_mavlink
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import Outcome
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, Wires, several
+
+_EVERY_S: Final = 0.1
+_BEHIND_S: Final = 0.5  # less changes nothing in a flight
+
+
+class Pace:
+    """A task of the loop that remembers `worst_s`, the largest delay of the loop against its clock.
+
+    `start`: of the loop, s on its clock.
+    """
+
+    links: Sequence[Waitable] = ()
+
+    def __init__(self, start: float) -> None:
+        self.worst_s = 0.0
+        self._due = start
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        self.worst_s = max(self.worst_s, now - self._due)
+        self._due = now + _EVERY_S
+        return self._due
+
+    def complaint(self, speed: float) -> str:
+        """Return a warning for a flight at `speed` times real time; "" if there is none."""
+        if self.worst_s < _BEHIND_S:
+            return ""
+        what = "real time" if speed == 1 else f"--speed {speed:g}"
+        cure = "a lower --speed, or --speed max, which waits for nothing" if speed > 1 else "--speed max"
+        return (
+            f"this computer was too slow for {what}: up to {self.worst_s:.1f} s of the flight behind, which may be why "
+            f"the search failed: choose {cure}"
+        )
+
 
 KEPT_DAYS: Final = 7
 _PREFIX: Final = "arva-demo-"

@@ -12,9 +12,9 @@ from functools import partial
 from typing import Final
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.cli.diagnosis import diagnosis, port_diagnosis
+from arva_hil.cli.diagnosis import diagnosis
+from arva_hil.cli.diagnosis.diagnosis import held
 from arva_hil.cli.diagnosis.examination import AutopilotProbe, PortProbe
-from arva_hil.cli.diagnosis.port_diagnosis import held
 from arva_hil.cli.diagnosis.values import Finding
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
@@ -89,7 +89,7 @@ class Doctor:
         if self.options.port:
             self.out = self._open(parse(self.options.port), "port")
         elif not over_mavlink(self.options.format):
-            self._add(port_diagnosis.no_port(_candidates(self.autopilot)))
+            self._add(diagnosis.no_port(_candidates(self.autopilot)))
         probe = self._listen(link)
         if probe and not self.stopped():
             probe = self._judge_packets(probe) or probe
@@ -99,8 +99,8 @@ class Doctor:
             return
         if self.port_probe:
             traffic = self.port_probe.traffic()
-            self._add(port_diagnosis.frames(traffic, self.options.format))
-            self._add(port_diagnosis.reader(traffic))
+            self._add(diagnosis.frames(traffic, self.options.format))
+            self._add(diagnosis.reader(traffic))
         usb = [port.device for port in _candidates(self.autopilot) if port.usb and port.device != self.options.port]
         if self.right.get("port") and len(usb) == 1:
             self.right["port"] = usb[0]

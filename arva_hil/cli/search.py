@@ -15,8 +15,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, SignalGuard
 from arva_hil.cli.run_links import check_ground_station, signing
-from arva_hil.cli.search_members import Member, members_of
-from arva_hil.cli.search_plan import describe, plan_of
+from arva_hil.cli.search_plan import Member, describe, members_of, plan_of
 from arva_hil.cli.search_report import as_dict, close_log, exit_code, found_by, result, would_order
 from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
 from arva_hil.cli.watchers import background_of, close_all, live_observers, open_page

@@ -1,21 +1,31 @@
-"""The plan by the options of a search, for one drone or several."""
+"""The plan that the options of a search ask for, and the vehicles that fly it: one, or several of a scenario."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Final
 
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
-from arva_hil.config import Scenario, ScenarioError, parse
+from arva_hil.config import Lla, Scenario, ScenarioError, VehicleConfig, load, parse
+from arva_hil.links import parse as parse_link
+from arva_hil.links.url import show
+from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.rotation import Mount, from_euler
+from arva_hil.records.writing.search_log import refuse_team
 from arva_hil.registry import STRATEGIES, formats_with_ids
+from arva_hil.runtime.fleet_links import check_links, shared_links
+from arva_hil.search.flight.client import COMPONENT
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strips import Strips
-from arva_hil.search.team.team_field import divide
+from arva_hil.search.team.team import Bus, Teammate
+from arva_hil.search.team.team_field import TeamField, divide
+from arva_hil.search.team.team_tunnel import MOST_MEMBERS, TeamTunnel
 
 _NARROWEST_M: Final = 4.0  # narrowest part of an area that is worth a drone
 
@@ -42,7 +52,7 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
     given = options.strip_width
     if isinstance(given, float):
         return given
-    from arva_hil.campaign.range_test.strips import strip_width  # slow to import
+    from arva_hil.campaign.range_test.walk import strip_width  # slow to import
 
     if given != "auto":
         file = {"spec": 2, "transmitters": [{"id": 0, "ned": [0, 0, 0]}], "receiver": {"profile": given}}
@@ -96,3 +106,128 @@ def check_width(options: argparse.Namespace, count: int) -> None:
         raise UsageError(
             f"--area: {count} drones would have {east - west:.1f} m each, at least {_NARROWEST_M:g} m needed"
         )
+
+
+_ONE_ONLY: Final = ("receiver", "gcs", "foxglove", "ros2", "signing_key", "target_system", "target_component")
+_READ_AT: Final = {
+    "udpout": "udpin",
+    "tcpin": "tcp",
+    "tcp": "tcpin",
+    "udpin": "udpout",
+}  # the link of a port → the link of its other end
+
+
+@dataclass(frozen=True)
+class Member:
+    """One search of this program. `autopilot`, `receiver`: connection strings of its links."""
+
+    name: str
+    """Of its vehicle; "" if this program flies no other."""
+    system: int | None
+    autopilot: str
+    receiver: str
+    format: str
+    mate: Teammate | None = None
+    """The search in its team."""
+    tunnel: TeamTunnel | None = None
+    """The connection to searches of the team in other programs."""
+    team: int = 1
+    """Number of searches that divide the area."""
+
+
+def members_of(options: argparse.Namespace) -> list[Member]:
+    """Return the searches of this program. Raises UsageError."""
+    if options.scenario and options.vehicle is None:
+        return _all_members(options)
+    if options.scenario:
+        alone = _one_of_team(options)
+    elif options.vehicle:
+        raise UsageError(f"--vehicle {options.vehicle}: one of the vehicles of --scenario FILE, which is missing")
+    else:
+        alone = Member("", options.target_system, options.autopilot, options.receiver, options.format)
+    for name in ("autopilot", "receiver"):
+        if getattr(alone, name) in (None, "-"):
+            example = "arva-hil search --autopilot udpin:127.0.0.1:14540 --receiver /tmp/arva0"
+            raise UsageError(f"--{name} is missing, e.g. {example}")
+    return [alone]
+
+
+def _one_of_team(options: argparse.Namespace) -> Member:
+    """Return the vehicle that --vehicle names; other programs fly the others."""
+    scenario = load(options.scenario)
+    names = [vehicle.name for vehicle in scenario.vehicles]
+    if options.vehicle not in names:
+        raise UsageError(f"--vehicle {options.vehicle}: {scenario.source} has {', '.join(names) or 'no vehicles'}")
+    number = names.index(options.vehicle)
+    _, field, systems = _team(options, scenario)
+    member = _member(options, scenario.vehicles[number], scenario.source)
+    tunnel = TeamTunnel(systems, COMPONENT)
+    return replace(member, name="", mate=Teammate(number, tunnel.send, field), tunnel=tunnel, team=len(systems))
+
+
+def _all_members(options: argparse.Namespace) -> list[Member]:
+    """Return all vehicles of the scenario."""
+    for name in _ONE_ONLY:
+        if getattr(options, name, None) not in (None, False, "", "off"):
+            flag = name.replace("_", "-")
+            raise UsageError(f"--{flag}: of one search: with --scenario, name its --vehicle, or leave it out")
+    scenario = load(options.scenario)
+    vehicles, field, _ = _team(options, scenario)
+    members = _fitted(scenario.source, [_member(options, vehicle, scenario.source) for vehicle in vehicles])
+    if options.record:  # before any of them begins: the folder can be used again then
+        refuse_team(Path(options.record), [member.name for member in members])
+    bus = Bus(field)
+    return [replace(member, mate=bus.join()) for member in members]
+
+
+def _team(
+    options: argparse.Namespace, scenario: Scenario
+) -> tuple[tuple[VehicleConfig, ...], TeamField, tuple[int, ...]]:
+    """Return the vehicles, what they divide, and their systems. Raises UsageError for a scenario that has no team."""
+    source, vehicles = scenario.source, scenario.vehicles
+    if options.victims != 1:
+        raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
+    if not 1 <= len(vehicles) <= MOST_MEMBERS:
+        raise UsageError(f"{source}: {len(vehicles)} vehicles, expected 1 to {MOST_MEMBERS} that search")
+    if not isinstance(scenario.datum, Lla):
+        raise UsageError(f"{source}: datum: home: several searches need one in common: datum: {{lat, lon, alt}}")
+    systems = tuple(vehicle.system or 0 for vehicle in vehicles)
+    if again := next((s for s in systems if not s or systems.count(s) > 1), None):
+        raise UsageError(f"{source}: system {again} twice: each vehicle that searches needs its own")
+    if 0 in systems:
+        raise UsageError(f"{source}: {vehicles[systems.index(0)].name}: its system is missing")
+    check_receivers(scenario)
+    check_width(options, len(vehicles))
+    datum = scenario.datum
+    return vehicles, TeamField(options.area, LocalFrame(datum.lat, datum.lon, datum.alt), len(vehicles)), systems
+
+
+def _member(options: argparse.Namespace, vehicle: VehicleConfig, source: str) -> Member:
+    if not (autopilot := options.autopilot or vehicle.autopilot):
+        raise UsageError(f"{source}: {vehicle.name}: its autopilot is missing: name its link, or --autopilot")
+    (receiver,) = vehicle.receivers
+    port = options.receiver or far_end(receiver.port or "", f"{source}: {vehicle.name}")
+    return Member(vehicle.name, vehicle.system, autopilot, port, receiver.output_format)
+
+
+def _fitted(source: str, members: list[Member]) -> list[Member]:
+    """Return the members, with one spelling of a shared link. Raises UsageError if their links do not fit together."""
+    autopilots = {member.name: member.autopilot for member in members}
+    try:
+        check_links(source, {member.name: member.receiver for member in members}, autopilots)
+        links = shared_links(source, autopilots)
+    except ValueError as error:
+        raise UsageError(error) from None
+    return [replace(member, autopilot=links[member.name]) for member in members]
+
+
+def far_end(port: str, whose: str) -> str:
+    """Return the address at which the frames sent to a port are read."""
+    there = parse_link(port)
+    if there.kind == "pty" and not there.path:
+        raise UsageError(f"{whose}: its port is a new pseudo-terminal each time: name it, e.g. pty:/tmp/NAME")
+    if there.kind == "stdout":
+        raise UsageError(f"{whose}: its port is stdout, where no frames can be read: name a port")
+    if there.kind in _READ_AT:
+        return f"{_READ_AT[there.kind]}:{show(there.host, there.port)}"
+    return there.path if there.kind == "pty" else port

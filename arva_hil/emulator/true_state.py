@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arva_hil.autopilot.following.navigation import AttitudeSample, PoseTrack, PositionSample, VehicleState, is_place
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.config import NavigationError, Scenario
 from arva_hil.events import Event
 from arva_hil.events.reasons import NoPose

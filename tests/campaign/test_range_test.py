@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from arva_hil.campaign.range_test.data_sheet import as_dict, lines, measured, table
-from arva_hil.campaign.range_test.strips import detection, strip_width
-from arva_hil.campaign.range_test.walk import COUPLINGS, RangePlan, alone, signals, walked
+from arva_hil.campaign.range_test.walk import COUPLINGS, RangePlan, alone, detection, signals, strip_width, walked
 from arva_hil.config import DEFAULT, Noise, Scenario, parse
 from arva_hil.emulator.build import transmitters
 from arva_hil.model.field import LocalFrame

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from arva_hil.cli.pace import Pace
+from arva_hil.cli.demo import Pace
 from arva_hil.clock import StepClock
 
 from .far_ends import Arva

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.diagnosis import diagnosis, port_diagnosis
+from arva_hil.cli.diagnosis import diagnosis
 from arva_hil.cli.diagnosis.values import Finding, PortTraffic, Source, StreamRate, Traffic
 from arva_hil.links.serial_ports import SerialPort
 
@@ -279,13 +279,13 @@ def test_rate(times: list[float], now: float, hz: float) -> None:
 
 
 def test_no_port_lists_the_candidates() -> None:
-    finding = port_diagnosis.no_port([SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyUSB3", vid=1, pid=2)])
+    finding = diagnosis.no_port([SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyUSB3", vid=1, pid=2)])
     assert finding[:3] == ("port", "note", "none was named; free: /dev/ttyS0, /dev/ttyUSB3")
     assert finding.cure == "--port /dev/ttyUSB3, --port pty, or --format tunnel"
 
 
 def test_no_port_is_proposed_that_is_not_there() -> None:
-    assert port_diagnosis.no_port([]) == (
+    assert diagnosis.no_port([]) == (
         "port", "note", "none was named; no serial port is free for it", "--port pty, or --format tunnel",
     )  # fmt: skip
 
@@ -301,7 +301,7 @@ def test_no_port_is_proposed_that_is_not_there() -> None:
     ],
 )
 def test_frames(traffic: PortTraffic, state: str, found: str) -> None:
-    finding = port_diagnosis.frames(traffic, "binary")
+    finding = diagnosis.frames(traffic, "binary")
     assert (finding.check, finding.state) == ("frames", state)
     assert found in finding.found
     assert bool(finding.cure) == (state != "ok")
@@ -326,7 +326,7 @@ def test_frames(traffic: PortTraffic, state: str, found: str) -> None:
     ],
 )
 def test_reader(traffic: PortTraffic, state: str, found: str) -> None:
-    finding = port_diagnosis.reader(traffic)
+    finding = diagnosis.reader(traffic)
     assert finding is not None
     assert (finding.check, finding.state) == ("reader", state)
     assert found in finding.found
@@ -335,7 +335,7 @@ def test_reader(traffic: PortTraffic, state: str, found: str) -> None:
 
 @pytest.mark.parametrize("traffic", [replace(TRAFFIC, taken=0, dropped=3), replace(TRAFFIC, lost="gone")])
 def test_of_a_port_that_takes_nothing_no_reader_is_told(traffic: PortTraffic) -> None:
-    assert port_diagnosis.reader(traffic) is None
+    assert diagnosis.reader(traffic) is None
 
 
 # -- all in all ----------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from arva_hil.cli import doctor
-from arva_hil.cli.diagnosis import port_diagnosis
+from arva_hil.cli.diagnosis import diagnosis
 from arva_hil.cli.diagnosis.examination import PortProbe
 from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.events.words.text import BAD
@@ -547,7 +547,7 @@ def test_a_client_that_is_connected_reads(keep: Keep) -> None:
     port_probe = PortProbe(encoded, server, parse(server.name), 0.0)
     clock = RealClock()
     until(lambda: port_probe.service(clock) and port_probe.traffic().taken)
-    assert port_diagnosis.reader(port_probe.traffic()) == ("reader", "ok", "connected", "")
+    assert diagnosis.reader(port_probe.traffic()) == ("reader", "ok", "connected", "")
 
 
 def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink) -> None:
@@ -570,7 +570,7 @@ def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:
     port_probe = PortProbe(encoded, port, parse(consumer.path), 0.0)
     consumer.close()
     port_probe.service(RealClock())
-    assert port_diagnosis.frames(port_probe.traffic(), "binary").found.startswith(f"{consumer.path}: lost: ")
+    assert diagnosis.frames(port_probe.traffic(), "binary").found.startswith(f"{consumer.path}: lost: ")
 
 
 # -- how it ends ---------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.search_members import far_end
+from arva_hil.cli.search_plan import far_end
 from arva_hil.cli.search_report import exit_code, found_by, result
 from arva_hil.events.reasons import Why, because
 from arva_hil.search.mission.choice import HeardTransmitter

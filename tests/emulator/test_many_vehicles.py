@@ -6,8 +6,7 @@ from collections import deque
 from collections.abc import Hashable, Iterable, Sequence
 from itertools import pairwise
 
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.emulator.engine import Emulator

@@ -19,9 +19,8 @@ from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.records.pictures import over_time, run
 from arva_hil.records.pictures.flight_map import draw_map
-from arva_hil.records.pictures.over_time import draw_distance, draw_timeline
+from arva_hil.records.pictures.over_time import draw_distance, draw_lateness, draw_streams, draw_timeline
 from arva_hil.records.pictures.style import MOST_POINTS, thinned
-from arva_hil.records.pictures.timing import draw_lateness, draw_streams
 from arva_hil.records.reading import load
 from arva_hil.records.reading.streams import streams
 from tests.made_records import EPOCH_US, SILENT, frames, write, write_search

@@ -14,7 +14,7 @@ from arva_hil.events.searches import PlaceFound, TransmitterHeard
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.reading import RecordingError, load
 from arva_hil.records.reading import folder as folder_reader
-from arva_hil.records.reading.readings_file import read_receiver
+from arva_hil.records.reading.folder import read_receiver
 from arva_hil.records.writing.search_log import SearchLog
 from arva_hil.search.mission.outcome import SearchStep
 from tests.made_records import HOME, SILENT, frames, pose_at, write, write_search
@@ -281,7 +281,7 @@ def test_a_scenario_that_this_program_cannot_read_costs_only_what_needs_it(tmp_p
 
 
 def test_of_too_many_rows_the_first_are_used_in_whole_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("arva_hil.records.reading.readings_file._MOST_ROWS", 10)
+    monkeypatch.setattr("arva_hil.records.reading.folder._MOST_ROWS", 10)
     read = load(write(tmp_path / "flight", 5, search=False))
     assert len(read.receivers[0]) == 2
     assert read.notes == (f"{read.folder}/readings.csv: only the first 10 rows are used",)

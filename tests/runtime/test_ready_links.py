@@ -10,7 +10,7 @@ import pytest
 
 from arva_hil.clock import RealClock
 from arva_hil.links import Link, memory
-from arva_hil.runtime.ready_links import ReadyLinks
+from arva_hil.runtime.drivers import ReadyLinks
 
 
 class Wire(Link):

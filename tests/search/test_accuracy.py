@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.search.mission.accuracy import Accuracy, PositionAccuracy
 from arva_hil.search.strategies.strategy import Found

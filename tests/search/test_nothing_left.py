@@ -11,7 +11,7 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_field import TeamField
-from arva_hil.search.team.team_news import News
+from arva_hil.search.team.team_tunnel import News
 from tests.search.test_mission import LEVEL, beacon, frame
 
 FRAME = LocalFrame(46.0, 7.0, 1000.0)

@@ -6,7 +6,7 @@ import pytest
 
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import memory
-from arva_hil.search.flight.receiver_link import ReceiverLink
+from arva_hil.search.flight.links import ReceiverLink
 from arva_hil.search.mission.reading_checks import NewFrames, StuckReadings
 from firmware_proto import MID, Channel, Decoder, Frame, TextDecoder, encode
 

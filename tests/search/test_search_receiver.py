@@ -8,7 +8,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import ReceiverGone
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import memory
-from arva_hil.search.flight.receiver_link import ReceiverLink
+from arva_hil.search.flight.links import ReceiverLink
 from firmware_proto import Channel, Decoder, Frame, encode, encode_nmea
 
 FRAME = Frame(3, 1, (Channel(1, 1, 1234, -15),))

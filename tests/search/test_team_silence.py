@@ -21,8 +21,8 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_field import TeamField
-from arva_hil.search.team.team_news import HeardAt, News
 from arva_hil.search.team.team_strips import strips_of
+from arva_hil.search.team.team_tunnel import HeardAt, News
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 

@@ -16,9 +16,8 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.team.spacing import apart_m
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_field import TeamField
-from arva_hil.search.team.team_news import News
 from arva_hil.search.team.team_strips import strips_of
-from arva_hil.search.team.team_tunnel import TEAM_TYPE, VERSION, TeamTunnel, encode, parse
+from arva_hil.search.team.team_tunnel import TEAM_TYPE, VERSION, News, TeamTunnel, encode, parse
 from arva_hil.simulated import HOME
 from tools.fuzz.packets import packet
 from tools.fuzz.script import Script

@@ -20,8 +20,7 @@ from arva_hil.autopilot.commanding.sticks import STICKS_WANTED, Sticks
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.modes import ARDUCOPTER, modes_of
 from arva_hil.autopilot.following.navigation import PositionSample
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited

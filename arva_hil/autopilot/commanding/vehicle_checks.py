@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.following.discovery import Vehicle
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events.searches import Doubt
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.model.field import LocalFrame

@@ -9,8 +9,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any, Final, Literal
 
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event, MotorsHeard, MotorsSilent
 from arva_hil.mavlink.codec import dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_ESC_STATUS

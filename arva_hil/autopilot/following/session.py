@@ -3,19 +3,46 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Container, Hashable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.following.discovery import Identity, Senders, Vehicle, VehicleDiscovery
 from arva_hil.autopilot.following.navigation import HANDLED, Navigation
-from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.streams import Streams
 from arva_hil.events import Event, vehicles
 from arva_hil.events.reasons import NoPose, NoVehicle, NoVehicleReason, Reason, SilentStream, Why, because
 from arva_hil.mavlink.codec import Encoder, Packet, decode, dialect
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.mavlink.signing import Signing
+
+
+class Received(NamedTuple):
+    """The packets of one chunk, and their events.
+
+    Each packet is in one of the first three lists. These are empty if the sender is not accepted.
+    """
+
+    own: Sequence[Packet] = ()
+    """The vehicle's packets."""
+    others: Sequence[Packet] = ()
+    """Packets of other systems and components, and packets that only claim to be the vehicle's."""
+    refused: Sequence[Packet] = ()
+    """Packets without a valid signature, if the link has a key."""
+    events: Sequence[Event] = ()
+    """Events of the vehicle."""
+
+    @property
+    def accepted(self) -> Sequence[Packet]:
+        """Packets of all systems, without the refused ones."""
+        return [*self.own, *self.others]
+
+    def messages(self, wanted: Container[int]) -> Iterator[tuple[int, Any]]:
+        """Decode the vehicle's messages of these kinds: message id and message."""
+        for packet in self.own:
+            if packet.msgid in wanted and (message := decode(packet)) is not None:
+                yield packet.msgid, message
+
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 

@@ -9,8 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.mavlink.codec import dialect
 
 LatLon = tuple[float, float]  # degrees, to 1e-7

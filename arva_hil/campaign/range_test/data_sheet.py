@@ -6,8 +6,16 @@ import statistics
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
-from arva_hil.campaign.range_test.strips import detection, formula_m
-from arva_hil.campaign.range_test.walk import COUPLINGS, HOVER_LOAD, Coupling, RangePlan, Walk, walked
+from arva_hil.campaign.range_test.walk import (
+    COUPLINGS,
+    HOVER_LOAD,
+    Coupling,
+    RangePlan,
+    Walk,
+    detection,
+    formula_m,
+    walked,
+)
 from arva_hil.config import Scenario
 from arva_hil.safe_text import table_lines
 

@@ -69,7 +69,7 @@ def vehicle(parser: CommandParser) -> None:
     parser.option("--link URL", "MAVLink link; may be repeated", link, action="append")
     parser.option("--home LAT,LON,ALT", "home in degrees, m AMSL; default: in the Alps", home, HOME)
     parser.option("--wind N,E,D", "velocity of the air, m/s; default 0,0,0", wind, (0.0, 0.0, 0.0))
-    parser.option("--gps-noise M", "sigma of the GPS drift on each axis", number(0, 1000), 0.0)
+    shared.add_gps_noise(parser)
     parser.option("--fix-after S", "time until the first GPS fix", number(0, 3600), 0.0)
     parser.option("--count N", "number of vehicles, 5 m apart, with consecutive ids", whole(1, 64), 1)
     parser.option("--system N", "system id of the first vehicle", whole(1, 250), 1)

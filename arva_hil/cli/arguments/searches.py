@@ -73,7 +73,7 @@ def demo(parser: CommandParser) -> None:
     parser.option("--headless", "print plain lines only, without a live status")
     count = "number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles"
     parser.option("--count N", count, whole(1, 64))
-    parser.option("--gps-noise M", "sigma of the GPS drift on each axis", number(0, 1000), 0.0)
+    shared.add_gps_noise(parser)
     parser.group("search")
     add_plan(parser)
     parser.group("scenario")

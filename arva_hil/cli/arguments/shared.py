@@ -65,6 +65,11 @@ def add_signing(parser: CommandParser) -> None:
     )
 
 
+def add_gps_noise(parser: CommandParser) -> None:
+    """Add the option for the error of a simulated vehicle's positions."""
+    parser.option("--gps-noise M", "sigma of the GPS drift on each axis", number(0, 1000), 0.0)
+
+
 def add_max_age(parser: CommandParser) -> None:
     """Add the option for the greatest age of a pose."""
     parser.option("--max-age S", "ignore poses older than this", number(0.05, 60, " of s"), 2.0)

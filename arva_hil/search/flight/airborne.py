@@ -171,7 +171,7 @@ class Flight(MissionRun):
             followed = self._commander.authority.in_mode
             height = self._ground.height(now, state, self._down if followed else 0.0)
             velocity = self.mission.fly(now - self._skipped_s, position, receiver=as_position(receiver), height=height)
-            if self.mission.ended or not self._commander.authority.in_mode:
+            if self.mission.ended or not followed:
                 self._detour.restart()
             else:
                 velocity = self._detour.around(now, velocity)

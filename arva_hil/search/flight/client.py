@@ -20,12 +20,11 @@ from arva_hil.links import Link, LinkError, Sender
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.flight.airborne import Flight
-from arva_hil.search.flight.autopilot_link import AutopilotLink
 from arva_hil.search.flight.claim import Claim, ClaimAnnouncer
 from arva_hil.search.flight.dry_run import DryRun
+from arva_hil.search.flight.links import AutopilotLink, ReceiverLink
 from arva_hil.search.flight.permission import Permission
 from arva_hil.search.flight.preflight import Preflight
-from arva_hil.search.flight.receiver_link import ReceiverLink
 from arva_hil.search.mission.accuracy import PositionAccuracy
 from arva_hil.search.mission.ground import Ground
 from arva_hil.search.mission.mission import Mission

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from arva_hil.autopilot.commanding.vehicle_checks import SimulatorCheck
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import ArmingAllowed, ConsentNeeded, SimulatorRecognized

@@ -10,8 +10,7 @@ from arva_hil.autopilot.commanding.complaints import Battery
 from arva_hil.autopilot.commanding.sticks import Sticks
 from arva_hil.autopilot.commanding.vehicle_checks import Failsafes, fence_of
 from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4, modes_of
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import (
@@ -29,8 +28,8 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.flight.airborne import OLD_S
 from arva_hil.search.flight.claim import QUIET_S
+from arva_hil.search.flight.links import ReceiverLink
 from arva_hil.search.flight.permission import Permission
-from arva_hil.search.flight.receiver_link import ReceiverLink
 from arva_hil.search.mission.outcome import Kind, Refusal
 from arva_hil.search.strategies.plan import SearchPlan
 

@@ -15,7 +15,7 @@ from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import lla
 from arva_hil.search.strategies.strategy import as_position
 from arva_hil.search.team.team import Teammate
-from arva_hil.search.team.team_news import HeardAt
+from arva_hil.search.team.team_tunnel import HeardAt
 
 _OLD_S: Final = 1.0  # an older pose is no place of the vehicle
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final, NamedTuple
 
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.mavlink.codec import dialect
 from arva_hil.search.strategies.strategy import Covariance, Found
 

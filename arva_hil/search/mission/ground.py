@@ -15,12 +15,10 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 from arva_hil.autopilot.following.navigation import VehicleState
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import HeightOrigin, HeightSource, SensorsDisagree
-from arva_hil.model.field.rotation import matrix
 from arva_hil.search.mission.height_sensors import FRESH_S, Distance, HeightSensors, Odometry, RangeCheck, Survey
 from arva_hil.search.strategies.plan import SearchPlan
 
@@ -189,7 +187,8 @@ class Ground:
         sure = [name for name in altitudes if name != "GPS"]
         if motion.time_s == self._start.time_s and "barometer" in sure and not self._plan.take_over:
             self._range.begin(self._start, motion.climbed - max(altitudes[name] for name in sure))
-        level = matrix(*state.attitude)[2][2]
+        _, x, y, _ = state.attitude
+        level = 1 - 2 * (x * x + y * y)  # the cosine of the tilt
         if distance is None or level < _LEVEL:
             self._checked = None
             return None
@@ -197,7 +196,7 @@ class Ground:
         if self._checked and old and motion.time_s - self._checked[0].time_s <= FRESH_S:
             then, height = self._checked
             return height + min(0.0, motion.climbed - then.climbed)
-        confirmed = max(altitudes[name] - self._levels[name].highest for name in sure) + self._tolerance
+        confirmed = max([altitudes[name] - self._levels[name].highest for name in sure]) + self._tolerance
         metres = self._range.height(motion, distance.metres * level, distance.sample, confirmed)
         self._checked = None if metres is None else (motion, metres)
         if metres is not None:

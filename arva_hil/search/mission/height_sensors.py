@@ -15,8 +15,7 @@ from collections.abc import Mapping
 from statistics import median
 from typing import Any, Final, NamedTuple
 
-from arva_hil.autopilot.following.received import Received
-from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.mavlink.codec import dialect
 
 EXTRAS: Final[Mapping[int, float]] = {  # messages to request, Hz

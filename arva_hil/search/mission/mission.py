@@ -18,10 +18,21 @@ from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import BeliefChanged, DescentBegun, PlaceFound, ReceiverTurned, TransmitterMoves
 from arva_hil.search.mission.accuracy import UNKNOWN
-from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations, pulses
+from arva_hil.search.mission.choice import (
+    AGREES,
+    LISTEN,
+    LOOK_AGAIN,
+    NO_ID,
+    Choice,
+    HeardTransmitter,
+    LastLook,
+    hidden,
+    id_of,
+    observations,
+    pulses,
+)
 from arva_hil.search.mission.ground import Height
 from arva_hil.search.mission.height import Descent, HeightKeeper, descent_of
-from arva_hil.search.mission.last_look import AGREES, LISTEN, LOOK_AGAIN, LastLook
 from arva_hil.search.mission.reading_checks import Pauses
 from arva_hil.search.mission.receiver_host import ReceiverHost
 from arva_hil.search.mission.victims import Victim, Victims

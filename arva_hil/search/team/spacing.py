@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.strategies.strategy import Position
-from arva_hil.search.team.team_news import News
+from arva_hil.search.team.team_tunnel import News
 
 NEAR_M: Final = 6.0  # least horizontal distance to another vehicle
 _LEVEL_M: Final = 2.5  # least vertical distance to another vehicle

@@ -16,7 +16,7 @@ from arva_hil.search.strategies.strategy import Position
 from arva_hil.search.strategies.strips import Area
 from arva_hil.search.team.spacing import Near, apart_m, clear_of, goes_first, kept_apart, may_take_off, neighbours
 from arva_hil.search.team.team_field import TeamField, layer_m
-from arva_hil.search.team.team_news import MOST_HEARD, HeardAt, News
+from arva_hil.search.team.team_tunnel import MOST_HEARD, HeardAt, News
 
 _EVERY_S: Final = 0.2  # period of its reports
 _OLD_S: Final = 5.0  # after this silence, a search's transmitter and part of the area are free again
