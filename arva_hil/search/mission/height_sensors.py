@@ -203,21 +203,21 @@ _HANDLERS: Final = {
 
 
 _WINDOW_S: Final = 2.0
-_STEEPEST: Final = 1.0  # of a slope: the ground changes no faster, but in steps within the tolerance
-_SILENT_S: Final = 10.0  # without a sample: lower ground afterwards is not used
-_AT_REST_M_S: Final = 0.1  # of speed: no step of the ground is possible
-_NOTED_S: Final = 3.0  # after a step that is possible
-_FORGET: Final = 0.2  # of a step up, which may end with a step down: metres a metre of flight
-_STUCK_M: Final = 0.5  # of climb or descent while the rangefinder repeats one value,
-_FOLLOWED: Final = 0.5  # and more above a slope of at most this, which the vehicle follows
-_SAME_M: Final = 1.0  # of flight with one value, before the ground may have risen
-_SAME_SLOPE: Final = 0.2  # of that ground
-_DRIFT: Final = 0.05  # m/s: more is found as a change of the ground
-_DRIFTED_M: Final = 0.6  # that it may have drifted before it is checked
+_STEEPEST: Final = 1.0  # the steepest slope of the ground, except for steps within the tolerance
+_SILENT_S: Final = 10.0  # after this time without a sample, lower ground is not accepted
+_AT_REST_M_S: Final = 0.1  # below this speed the ground has no steps
+_NOTED_S: Final = 3.0  # report a possible step for this time
+_FORGET: Final = 0.2  # a step up, which may end with a step down, is forgotten at this rate: m per m of flight
+_STUCK_M: Final = 0.5  # climb or descent with one repeated value: the rangefinder is stuck
+_FOLLOWED: Final = 0.5  # largest slope that the vehicle follows, for which more climb is allowed
+_SAME_M: Final = 1.0  # flight with one value after which the ground may have risen
+_SAME_SLOPE: Final = 0.2  # slope of that ground
+_DRIFT: Final = 0.05  # m/s; a faster drift is detected as a change of the ground
+_DRIFTED_M: Final = 0.6  # possible drift before a check
 _HOVER_M_S: Final = 0.3
-_CHECK_S: Final = 4.0  # of hovering
-_SUNK_M: Final = 1.0  # of climb or descent in that time: it does not hover
-_STEADY_M: Final = 0.1  # of change in that time
+_CHECK_S: Final = 4.0  # duration of a check in a hover
+_SUNK_M: Final = 1.0  # climb or descent in that time: the vehicle does not hover
+_STEADY_M: Final = 0.1  # largest change of a steady height in that time
 
 
 class Odometry(NamedTuple):
@@ -237,27 +237,27 @@ class Odometry(NamedTuple):
 class RangeCheck:
     """Remembers the ground and the error of the rangefinder. `tolerance`: of a change of the ground [m].
 
-    `still`: the vehicle must hover, to find out if the rangefinder drifts.
+    `still`: the vehicle must hover, to check the rangefinder for drift.
     """
 
     def __init__(self, tolerance: float) -> None:
         self.still = False
         self._tolerance = tolerance
         self._past: deque[tuple[Odometry, float]] = deque()  # and the ground, above the place of the start [m]
-        self._offset = 0.0  # of the steps that may be the rangefinder's error; below 0: a step up
+        self._offset = 0.0  # sum of the steps that may be errors of the rangefinder; below 0: a step up
         self._flown = 0.0
-        self._same: tuple[float, Odometry] | None = None  # the sample, and the motion since it is the same
+        self._same: tuple[float, Odometry] | None = None  # the repeated sample, and the motion at its start
         self._noted: tuple[float, float, float] | None = None  # until when, value and expected value
         self._drifts: tuple[float, float] | None = None
         self._checked_s: float | None = None
-        self._hover: tuple[Odometry, float] | None = None  # since when, and the height then
+        self._hover: tuple[Odometry, float] | None = None  # motion and height at the start of the hover
 
     def begin(self, motion: Odometry, ground: float) -> None:
-        """Use the ground at the start [m above it]."""
+        """Begin with known `ground` at the start [m above it]."""
         self._past.append((motion, ground))
 
     def deviation(self, now: float) -> tuple[float, float] | None:
-        """Return the value of a rangefinder that contradicts the motion, and the expected value [m]."""
+        """Return the rangefinder's value that contradicts the motion, and the expected value [m]; None without one."""
         if self._noted is not None and now < self._noted[0]:
             return self._noted[1:]
         return self._drifts
@@ -280,7 +280,7 @@ class RangeCheck:
         return self._undrifted(motion, metres - max(0.0, self._offset), confirmed) - unseen
 
     def _step(self, motion: Odometry, metres: float) -> None:
-        """Compare the ground with the ground before: what the flight does not explain is an error."""
+        """Compare the ground with the previous one: a change that the flight does not explain is an error."""
         ground, past = motion.climbed - metres, self._past
         while len(past) > 1 and motion.time_s - past[0][0].time_s > _WINDOW_S:
             past.popleft()
@@ -305,7 +305,7 @@ class RangeCheck:
         self._noted = math.inf if lasts else motion.time_s + _NOTED_S, metres, expected
 
     def _undrifted(self, motion: Odometry, height: float, confirmed: float) -> float:
-        """Return the height less the drift since the last check. Falling ground seems a drift, level ground not."""
+        """Return the height less the drift since the last check. Falling ground has the effect of a drift."""
         self._checked_s = motion.time_s if self._checked_s is None else self._checked_s
         drift = _DRIFT * (motion.time_s - self._checked_s)
         lowest = min(height, max(height - drift, confirmed))
