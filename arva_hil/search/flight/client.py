@@ -92,7 +92,6 @@ class SearchClient:
             self._dry_run = DryRun(plan, session, self._ground, start=start, emit=emit_later, log=log, worker=worker)
         self._emit = emit
         self._next_step = self._now_s = start
-        self._begin = self._commander.take_over if plan.take_over else self._commander.launch
         self._plan = plan
         self._stopping = False
 
@@ -240,7 +239,7 @@ class SearchClient:
 
     def _launch(self, now: float) -> None:
         try:
-            self._begin(now)
+            (self._commander.take_over if self._plan.take_over else self._commander.launch)(now)
         except ValueError as error:
             self._finish("failed", because(Why.ERROR, text=str(error)))
             return
