@@ -25,7 +25,8 @@ class Modes:
     """One autopilot's custom modes, and the form of its commands.
 
     `hold`: it hovers, and can be armed; `take_off`: during the climb; `steer`: it follows velocities; `yields`: it
-    hovers until the sticks move. `px4`: modes are main and sub-modes, heights are above mean sea level.
+    hovers until the sticks move; `hovers`: it hovers, and no stick steers it. `px4`: modes are main and sub-modes,
+    heights are above mean sea level.
     """
 
     hold: int
@@ -33,6 +34,7 @@ class Modes:
     steer: int
     land: int
     yields: int
+    hovers: frozenset[int]
     px4: bool
 
     def name(self, mode: int) -> str:
@@ -68,8 +70,24 @@ class Modes:
 _GUIDED: Final = dialect.COPTER_MODE_GUIDED
 _HOLD: Final = _AUTO | 3 << 24
 _LAND, _LOITER = dialect.COPTER_MODE_LAND, dialect.COPTER_MODE_LOITER
-ARDUCOPTER: Final = Modes(hold=_GUIDED, take_off=_GUIDED, steer=_GUIDED, land=_LAND, yields=_LOITER, px4=False)
-PX4: Final = Modes(hold=_HOLD, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AUTO | 6 << 24, yields=_HOLD, px4=True)
+ARDUCOPTER: Final = Modes(
+    hold=_GUIDED,
+    take_off=_GUIDED,
+    steer=_GUIDED,
+    land=_LAND,
+    yields=_LOITER,
+    hovers=frozenset((dialect.COPTER_MODE_AUTO, _GUIDED, _LOITER, dialect.COPTER_MODE_BRAKE)),
+    px4=False,
+)
+PX4: Final = Modes(
+    hold=_HOLD,
+    take_off=_AUTO | 2 << 24,
+    steer=6 << 16,
+    land=_AUTO | 6 << 24,
+    yields=_HOLD,
+    hovers=frozenset((_HOLD, _AUTO | 4 << 24)),  # hold, mission
+    px4=True,
+)
 
 
 def modes_of(vehicle: Vehicle) -> Modes:

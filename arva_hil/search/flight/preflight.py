@@ -38,10 +38,6 @@ _PARAMETER: Final = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 _STILL_M_S: Final = 0.5
 _STILL_S: Final = 1.0
 _LOWEST_M: Final = 1.0  # above home
-_ARDUPILOT_HOVERS: Final = frozenset(
-    (dialect.COPTER_MODE_AUTO, dialect.COPTER_MODE_GUIDED, dialect.COPTER_MODE_LOITER, dialect.COPTER_MODE_BRAKE)
-)
-_PX4_HOVERS: Final = frozenset((4 << 16 | 3 << 24, 4 << 16 | 4 << 24))  # hold, mission
 
 
 class Hover:
@@ -76,7 +72,7 @@ class Hover:
             modes = modes_of(vehicle)
         except ValueError as error:
             return because(Why.ERROR, text=str(error))
-        if mode not in (_PX4_HOVERS if modes.px4 else _ARDUPILOT_HOVERS):
+        if mode not in modes.hovers:
             return because(Why.IN_MODE, mode=modes.name(mode))
         height, speed = place.alt - home[2], math.hypot(*place.velocity)
         if height < _LOWEST_M:
