@@ -120,6 +120,7 @@ class Session:
 
     @property
     def target_system(self) -> int | None:
+        """System id of the vehicle to follow; None: any."""
         return self._finder.system
 
     @property
