@@ -23,10 +23,6 @@ _SOCKET_CURES: Final[dict[int | None, str]] = {
 _FULL: Final = {errno.ENOBUFS, errno.EAGAIN}
 
 
-class BusFull(Exception):
-    """The bus accepts no frame now: no other node is there, or it is busy."""
-
-
 Filters = Sequence[tuple[int, int]]
 """Ids and masks: a frame passes if its id is equal to one of them under the mask."""
 
@@ -81,7 +77,7 @@ class PythonCanBus:
             self._bus.send(message)
         except can.CanError as error:
             if getattr(error, "error_code", None) in _FULL:
-                raise BusFull from error
+                raise BlockingIOError("the bus is full: no other node is there, or it is busy") from error
             raise OSError(str(error)) from error
 
     def receive(self, timeout: float) -> Any:
@@ -128,10 +124,7 @@ class MulticastBus:
         from dronecan.dsdl.common import crc16_from_bytes
 
         body = struct.pack("<HI", 0, id_ | (_EXTENDED if extended else 0)) + bytes(data)
-        try:
-            self._out.send(struct.pack("<HH", _MULTICAST[2], crc16_from_bytes(body)) + body)
-        except BlockingIOError as error:
-            raise BusFull from error
+        self._out.send(struct.pack("<HH", _MULTICAST[2], crc16_from_bytes(body)) + body)
 
     def receive(self, timeout: float) -> Any:
         from dronecan.driver.common import CANFrame

@@ -9,7 +9,7 @@ import re
 from typing import Any, Final, NamedTuple
 
 from arva_hil.links.base import Link, LinkError, Opening
-from arva_hil.links.can_bus import BusFull, open_bus
+from arva_hil.links.can_bus import open_bus
 from arva_hil.links.url import Address, AddressError
 
 _EXAMPLE: Final = "can:SERIAL0,node=42,bus=can0"
@@ -100,7 +100,7 @@ class DroneCanLink(Link):
         try:
             for at in range(0, len(data), _AT_ONCE):
                 self._node.broadcast(self._message(data[at : at + _AT_ONCE]))
-        except BusFull:
+        except BlockingIOError:  # the bus is full
             self.dropped += 1
             return False
         except OSError as error:
@@ -126,7 +126,7 @@ class DroneCanLink(Link):
         while True:
             try:
                 self._node.spin(0)
-            except BusFull:  # the status is sent again in a second
+            except BlockingIOError:  # the status is sent again in a second
                 return
             except OSError as error:
                 raise self._lost(error) from error
