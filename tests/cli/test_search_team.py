@@ -178,6 +178,10 @@ def test_a_team_succeeds_if_something_was_found_and_nothing_failed(kinds: list[A
     assert exit_code([Outcome(kind, ()) for kind in kinds]) == code
 
 
+def test_a_search_that_did_not_begin_reports_no_frames() -> None:
+    assert len(result(Outcome("failed", (because(Why.INTERRUPTED),)))) == 1
+
+
 def test_what_another_drone_has_found_is_not_said_to_be_lacking() -> None:
     heard = ((2, HeardTransmitter(18.0, (0.7, 0.8))), (3, HeardTransmitter(31.0, (4.0, 5.0))))
     found = Outcome("found", (because(Why.FOUND),), id=1, others=heard)

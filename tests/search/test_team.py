@@ -394,6 +394,16 @@ def test_who_waits_for_another_hovers_and_of_two_that_claim_one_part_the_lower_n
     assert second.yields
 
 
+def test_nobody_waits_for_a_part_that_does_not_exist() -> None:
+    mate = Teammate(0, lambda news: None, TeamField((-60.0, -45.0, 60.0, 45.0), FRAME, 1))
+    mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    mate.report(0.0, HOME, flying=True)
+    mate.claim()
+    mate.done()
+    mate.on_news(News(1, 0.0, at(0, 9, 3), True, part=7))
+    assert not mate.waits
+
+
 @pytest.mark.parametrize(
     ("other", "under"),
     [
