@@ -96,7 +96,7 @@ def test_the_charts_of_a_campaign_are_drawn(arva: Arva, tmp_path: Path) -> None:
     ran = arva("plot", tmp_path / "results", "--format", "png", "--out", tmp_path / "charts")
     assert (ran.code, ran.out) == (0, "")
     drawn = sorted(path.name for path in (tmp_path / "charts").iterdir())
-    assert drawn[:2] == ["error-of-the-place-reported.png", "success.png"]
+    assert drawn[:3] == ["differences-on-the-same-trials.png", "error-of-the-place-reported.png", "success.png"]
     assert all((tmp_path / "charts" / name).read_bytes().startswith(b"\x89PNG") for name in drawn)
     code, _, err = arva("plot", tmp_path / "results", "--out", tmp_path / "sheet.png")
     assert (code, err) == (
