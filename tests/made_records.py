@@ -11,7 +11,7 @@ import numpy as np
 
 from arva_hil.config import DEFAULT, Scenario, to_dict
 from arva_hil.emulator.build import receiver, transmitters
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, PoseLost, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.reasons import NoPose
 from arva_hil.events.searches import FromSearch, TransmitterHeard

@@ -21,7 +21,7 @@ from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot, next_command, session, signing
 from arva_hil.cli.terminal import show_json, show_marked, tell
 from arva_hil.clock import Clock, RealClock
-from arva_hil.emulator.formats import encoder
+from arva_hil.emulator.ports import encoder
 from arva_hil.events.words.text import BAD, DOUBTFUL, GOOD, coloured, wants_colour
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.processes import accepted, far_program

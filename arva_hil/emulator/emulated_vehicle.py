@@ -8,15 +8,15 @@ from typing import Final, NamedTuple
 
 from arva_hil.emulator import build
 from arva_hil.emulator.followed_system import FollowedSystem
-from arva_hil.emulator.formats import encoder, host_form
 from arva_hil.emulator.host_commands import HostCommands
-from arva_hil.emulator.ports import Parcel, Port
+from arva_hil.emulator.ports import Parcel, Port, encoder
 from arva_hil.emulator.receivers import EmulatedReceiver
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.snapshot import Snapshot
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.events import Event, FrameMade, HeartbeatMissing, ReceiverStatus, VehicleStatus
 from arva_hil.mavlink.packet import Packet
+from arva_hil.registry import FORMATS
 
 _SPREAD_S: Final = 0.1  # the first frames of several vehicles wait no longer than this
 
@@ -135,7 +135,7 @@ def make_unit(vehicle: VehicleSetup, setup: ReceiverSetup, start: float, phase: 
         model = faults.receiver
     first = start + phase * min(1 / scenario.receiver.rate_hz, _SPREAD_S)
     made = EmulatedReceiver(*about, scenario, model, start=start, first=first)
-    host = host_form(scenario.output_format)
+    host = getattr(FORMATS[scenario.output_format], "host", None)
     commands = HostCommands(*about, scenario, host, made.command) if host else None
     encode = encoder(scenario.output_format, vehicle.session)
     return Unit(made, Port(*about, setup.sink, encode, faults, commands))

@@ -1,4 +1,4 @@
-"""From a reading to a frame, and from a frame to bytes for a port or to messages on the autopilot's own link."""
+"""Formats inside MAVLink: from a frame to messages on the autopilot's own link, and back."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ from typing import Any, Final, NamedTuple
 
 import firmware_proto
 from arva_hil.autopilot.following.discovery import Vehicle
-from arva_hil.autopilot.following.session import Session
 from arva_hil.mavlink.codec import Parser, decode, dialect, tunnel, untunnel
-from arva_hil.model.receiver import ChannelReading, Reading
-from arva_hil.registry import FORMATS, over_mavlink
-from firmware_proto import Channel, Format, Frame, FrameDecoder, HostForm
+from firmware_proto import Channel, Format, Frame, FrameDecoder
 from firmware_proto.frame import check
-from firmware_proto.measured import LevelChannel, Measured, VectorChannel, level_channel, vector_channel
+
+__all__ = ["Format", "FrameDecoder", "MavlinkFormat", "named_values"]
 
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
-__all__ = ["Format", "FrameDecoder", "MavlinkFormat", "encoder", "frame_of", "host_form", "named_values"]
 
 _SILENCE_S: Final = 1.0  # longer than any link takes from one value of a frame to the next
 
@@ -37,68 +34,6 @@ class MavlinkFormat(NamedTuple):
     def over_mavlink(self) -> bool:
         """True for each of these formats."""
         return True
-
-
-def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str = "") -> Frame:
-    """Return the frame for a reading. It is always marked as synthetic.
-
-    `measured`: see `firmware_proto.Format`. `time_s`: of the frame, from the start of the run.
-    """
-    status = firmware_proto.SYNTHETIC
-    status |= firmware_proto.INTERFERENCE if reading.interference else 0
-    status |= firmware_proto.MORE_TRANSMITTERS if reading.more_heard else 0
-    status |= firmware_proto.SELF_TEST_FAULT if reading.failed else 0
-    status |= firmware_proto.OVERLAP if reading.overlapping else 0
-    status |= 0 if reading.searching else firmware_proto.NOT_SEARCHING
-    channels = [Channel(id_, zone, d, delta, marked) for id_, zone, d, delta, _, marked, _ in reading.channels]
-    frame = Frame(sequence, status, tuple(channels))
-    return frame._replace(measured=_measured(reading, time_s, measured)) if measured else frame
-
-
-def _measured(reading: Reading, time_s: float, kind: str) -> Measured:
-    time_ms = round(1e3 * time_s) % 2**32
-    if kind == "vector":
-        return Measured(time_ms, tuple(_vector(c, time_s) for c in reading.channels))
-    return Measured(time_ms, tuple(_level(c, time_s) for c in reading.channels))
-
-
-def _vector(c: ChannelReading, time_s: float) -> VectorChannel:
-    who = c.id, int(c.zone), c.marked
-    if (pulse := c.pulse) is None:
-        return VectorChannel(*who)
-    return vector_channel(*who, pulse.signal_na_m, pulse.period_s, pulse.carrier_hz, time_s - pulse.time_s)
-
-
-def _level(c: ChannelReading, time_s: float) -> LevelChannel:
-    """Return the level, relative to 1 nA/m without a full scale of the receiver."""
-    who = c.id, int(c.zone), c.marked
-    if (pulse := c.pulse) is None:
-        return LevelChannel(*who)
-    level_db = pulse.level_dbfs
-    if level_db is None:
-        level_db = 20 * math.log10(max(math.hypot(*pulse.signal_na_m), 1e-12))
-    return level_channel(*who, level_db, time_s - pulse.time_s)
-
-
-def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
-    """Return the encoder of a format: (frame, its instant in ms on the vehicle's clock) → bytes.
-
-    Formats inside MAVLink give b"" while there is no vehicle. Raises KindError for an unknown format.
-    """
-    encode = FORMATS[format].encode
-    if not over_mavlink(format):
-        return lambda frame, boot_ms: encode(frame)
-
-    def packed(frame: Frame, boot_ms: int) -> bytes:
-        vehicle = session.vehicle
-        return b"".join(map(session.encoder.pack, encode(frame, boot_ms, vehicle))) if vehicle else b""
-
-    return packed
-
-
-def host_form(format: str) -> HostForm | None:
-    """Return the encoding of host commands for a format; None if there are none. Raises KindError like `encoder`."""
-    return getattr(FORMATS[format], "host", None)
 
 
 def _tunnel(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:

@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.events import BytesSent, CommandAnswered, Event, FrameMade, FramesLate, FramesRefused, FramesTaken
+from arva_hil.registry import FORMATS, over_mavlink
 from firmware_proto import Frame
 
 if TYPE_CHECKING:
@@ -202,3 +204,19 @@ class Port:
             parcels[-1] = parcels[-1]._replace(made=made)
             return before + parcels, None
         return before, made
+
+
+def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
+    """Return the encoder of a format: (frame, its instant in ms on the vehicle's clock) → bytes.
+
+    Formats inside MAVLink give b"" while there is no vehicle. Raises KindError for an unknown format.
+    """
+    encode = FORMATS[format].encode
+    if not over_mavlink(format):
+        return lambda frame, boot_ms: encode(frame)
+
+    def packed(frame: Frame, boot_ms: int) -> bytes:
+        vehicle = session.vehicle
+        return b"".join(map(session.encoder.pack, encode(frame, boot_ms, vehicle))) if vehicle else b""
+
+    return packed

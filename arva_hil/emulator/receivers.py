@@ -9,16 +9,18 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+import firmware_proto
 from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import mount, sling, vehicle_noise
-from arva_hil.emulator.formats import frame_of
 from arva_hil.emulator.snapshot import Snapshot
 from arva_hil.events import Event, FrameMade, PoseFound, PoseLost, PoseMissing
 from arva_hil.model.field import Transmitters
-from arva_hil.model.receiver import Answer, Impairment, Look, Pose, ReceiverModel
+from arva_hil.model.receiver import Answer, ChannelReading, Impairment, Look, Pose, Reading, ReceiverModel
 from arva_hil.registry import FORMATS
+from firmware_proto import Channel, Frame
 from firmware_proto.commands import RESTART
+from firmware_proto.measured import LevelChannel, Measured, VectorChannel, level_channel, vector_channel
 
 _WORST_BACKLOG_S: Final = 1.0  # frames later than this are skipped, not sent in a burst
 _BLIND_S: Final = 8.0  # with a vehicle but without a pose, emit an event after this time
@@ -226,3 +228,44 @@ class EmulatedReceiver:
             (),
             reported_pose,
         )
+
+
+def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str = "") -> Frame:
+    """Return the frame for a reading. It is always marked as synthetic.
+
+    `measured`: see `firmware_proto.Format`. `time_s`: of the frame, from the start of the run.
+    """
+    status = firmware_proto.SYNTHETIC
+    status |= firmware_proto.INTERFERENCE if reading.interference else 0
+    status |= firmware_proto.MORE_TRANSMITTERS if reading.more_heard else 0
+    status |= firmware_proto.SELF_TEST_FAULT if reading.failed else 0
+    status |= firmware_proto.OVERLAP if reading.overlapping else 0
+    status |= 0 if reading.searching else firmware_proto.NOT_SEARCHING
+    channels = [Channel(id_, zone, d, delta, marked) for id_, zone, d, delta, _, marked, _ in reading.channels]
+    frame = Frame(sequence, status, tuple(channels))
+    return frame._replace(measured=_measured(reading, time_s, measured)) if measured else frame
+
+
+def _measured(reading: Reading, time_s: float, kind: str) -> Measured:
+    time_ms = round(1e3 * time_s) % 2**32
+    if kind == "vector":
+        return Measured(time_ms, tuple(_vector(c, time_s) for c in reading.channels))
+    return Measured(time_ms, tuple(_level(c, time_s) for c in reading.channels))
+
+
+def _vector(c: ChannelReading, time_s: float) -> VectorChannel:
+    who = c.id, int(c.zone), c.marked
+    if (pulse := c.pulse) is None:
+        return VectorChannel(*who)
+    return vector_channel(*who, pulse.signal_na_m, pulse.period_s, pulse.carrier_hz, time_s - pulse.time_s)
+
+
+def _level(c: ChannelReading, time_s: float) -> LevelChannel:
+    """Return the level, relative to 1 nA/m without a full scale of the receiver."""
+    who = c.id, int(c.zone), c.marked
+    if (pulse := c.pulse) is None:
+        return LevelChannel(*who)
+    level_db = pulse.level_dbfs
+    if level_db is None:
+        level_db = 20 * math.log10(max(math.hypot(*pulse.signal_na_m), 1e-12))
+    return level_channel(*who, level_db, time_s - pulse.time_s)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.emulator.formats import encoder
+from arva_hil.emulator.ports import encoder
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder
 from arva_hil.registry import FORMATS

@@ -11,7 +11,8 @@ import pytest
 
 import firmware_proto
 from arva_hil.autopilot.following.session import Session
-from arva_hil.emulator.formats import MavlinkDecoder, encoder, named_values
+from arva_hil.emulator.formats import MavlinkDecoder, named_values
+from arva_hil.emulator.ports import encoder
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame

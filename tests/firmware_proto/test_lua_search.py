@@ -10,7 +10,7 @@ import pytest
 
 from arva_hil import config
 from arva_hil.emulator.build import receiver, transmitters
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.model.field import LocalFrame, Mount, rotation
 from arva_hil.model.receiver import Look, Pose
 from arva_hil.search.strategies.flux import Flux

@@ -9,12 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.words import text
 from arva_hil.events.words.text import status_line, status_table
-from arva_hil.model.receiver import ChannelReading, Reading, Zone
-from arva_hil.model.receiver.receiver_model import Pose
+from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
 from arva_hil.observers.console.printer import Printer
 
 POSE = Pose(np.zeros(3), np.eye(3))

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import FrameMade
 from arva_hil.model.field.rotation import from_euler, to_matrix
-from arva_hil.model.receiver import ChannelReading, Reading, Zone
-from arva_hil.model.receiver.receiver_model import Pose
+from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
 from arva_hil.records.writing import Recorder, RecordLayout
 
 HEADER = (

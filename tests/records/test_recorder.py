@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from arva_hil.clock import StepClock
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect

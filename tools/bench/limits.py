@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.model.field import Transmitters

@@ -11,7 +11,7 @@ import magpylib
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.model.field import Transmitters, dipole_field
 from arva_hil.model.field.arrays import Array
 from arva_hil.model.receiver import Antennas, Look, PaperReceiver, Pose

@@ -15,7 +15,7 @@ from arva_hil.cli.diagnosis.values import PortTraffic, Source, StreamRate, Traff
 from arva_hil.clock import Clock
 from arva_hil.config import DEFAULT
 from arva_hil.emulator.build import receiver
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import Event
 from arva_hil.events.vehicles import StreamEvent
 from arva_hil.events.words.reasons import request

@@ -1,4 +1,4 @@
-"""Rotations: quaternions (w, x, y, z) from body to world coordinates, as in MAVLink; mounts of receivers.
+"""Rotations: quaternions (w, x, y, z) from body to world coordinates, as in MAVLink; mounts and poses of receivers.
 
 Angles in radians. The first functions are for single rotations in plain floats. Those from `from_euler` on are for
 arrays, and accept any leading shape (...). Input quaternions of arrays may have any length but 0; returned ones have
@@ -8,12 +8,13 @@ length 1. Raises ValueError for length 0 or values that are not finite.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.arrays import Array, vector
 
 Quaternion = tuple[float, float, float, float]
 Row = tuple[float, float, float]
@@ -134,6 +135,23 @@ def to_matrix(q: ArrayLike) -> Array:
 
 def _stack(*parts: Array) -> Array:
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """The receiver's own pose, mount included: position (3,) NED [m] from the datum, rotation (3, 3) receiver → NED.
+
+    Lists are accepted as arrays. Raises ValueError for another shape.
+    """
+
+    position: Array
+    rotation: Array
+
+    def __post_init__(self) -> None:
+        for name, shape in ("position", (3,)), ("rotation", (3, 3)):
+            value = getattr(self, name)
+            if type(value) is not np.ndarray or value.shape != shape or value.dtype != float:
+                object.__setattr__(self, name, vector(name, value, *shape))
 
 
 class Mount:

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from arva_hil.model.field.arrays import Array
 from arva_hil.model.field.dipole import one_field
 from arva_hil.model.field.medium import AIR
+from arva_hil.model.field.rotation import Pose
 from arva_hil.model.receiver.noise import NoiseKind, NoiseSource, noise_bound
 from arva_hil.model.receiver.reading import ChannelReading, Reading, Zone
-from arva_hil.model.receiver.receiver_model import Answer, Commands, Impairment, Look, Pose, ReceiverSettings, obey
+from arva_hil.model.receiver.receiver_model import Answer, Commands, Impairment, Look, ReceiverSettings, obey
 
 Ints = NDArray[np.int64]
 

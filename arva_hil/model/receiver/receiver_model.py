@@ -11,28 +11,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, Protocol
 
-import numpy as np
-
-from arva_hil.model.field.arrays import Array, vector
+from arva_hil.model.field.arrays import Array
 from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.field.rotation import Pose
 from arva_hil.model.receiver.reading import Reading
-
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """The receiver's own pose, mount included: position (3,) NED [m] from the datum, rotation (3, 3) receiver → NED.
-
-    Lists are accepted as arrays. Raises ValueError for another shape.
-    """
-
-    position: Array
-    rotation: Array
-
-    def __post_init__(self) -> None:
-        for name, shape in ("position", (3,)), ("rotation", (3, 3)):
-            value = getattr(self, name)
-            if type(value) is not np.ndarray or value.shape != shape or value.dtype != float:
-                object.__setattr__(self, name, vector(name, value, *shape))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Fault, Scenario
 from arva_hil.emulator import build
 from arva_hil.emulator.faults.plan import Faults
-from arva_hil.emulator.formats import encoder
+from arva_hil.emulator.ports import encoder
 from arva_hil.emulator.receivers import EmulatedReceiver, Schedule
 from arva_hil.emulator.setup import VehicleSetup, one_vehicle
 from arva_hil.emulator.world import VehicleWorld

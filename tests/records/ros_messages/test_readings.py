@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from arva_hil.config import DEFAULT, Follows, Lla, Scenario, Transmitter, load
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.model.field import rotation
 from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
