@@ -20,7 +20,8 @@ from arva_hil.cli.summary import as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import close_all, live_observers, page_of_run
 from arva_hil.clock import Clock
-from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, newer_keys, own_options
+from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, newer_keys
+from arva_hil.config.tables import own_options
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import receivers_of
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
@@ -286,7 +287,7 @@ def _observer(given: tuple[str, Mapping[str, str]]) -> Observer:
     name, values = given
     cls = OBSERVERS[name]
     try:
-        options = own_options.checked(getattr(cls, "Options", None), values or None, f"the observer {name}")
+        options = own_options(getattr(cls, "Options", None), values or None, f"the observer {name}")
     except ValueError as error:
         raise UsageError(f"--observer {name}: {' '.join(str(error).split())}") from None
     try:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, fields, replace
 from typing import Any, Final, Literal, NamedTuple
 
-from arva_hil.config import own_options
 from arva_hil.config.common import NED_POINT, SPAN, TRANSMITTER_ID, Triple
 from arva_hil.config.constraints import Anything, Constraint, Named, Number, On, Whole
 from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, wrong
-from arva_hil.config.tables import OtherKeys, Table, key, read_keys, unknown_key
+from arva_hil.config.own_options import own_keys
+from arva_hil.config.tables import Table, key, own_options, read_keys, read_own, unknown_key
 from arva_hil.errors import KindError
 from arva_hil.registry import FAULTS, FORMATS, over_mavlink
 
@@ -72,7 +72,7 @@ class Fault(Table):
     def __post_init__(self) -> None:
         kind: FaultKind = FAULTS[self.name]
         object.__setattr__(self, "value", kind.constraint.read(self.value))
-        object.__setattr__(self, "options", own_options.checked(kind.options, self.options, f"the fault {self.name}"))
+        object.__setattr__(self, "options", own_options(kind.options, self.options, f"the fault {self.name}"))
 
     @classmethod
     def conflicts(cls, fault: Any) -> Iterator[Violation]:
@@ -135,13 +135,14 @@ class FaultItem(Constraint):
         except KindError as error:
             violation = Violation(f"one that works: {error.cure}", error.found, None, (name,), at_key=True)
             raise ConstraintError(violation) from None
-        own = own_options.read(kind.options, value, f"the fault {name}") if kind.options else OtherKeys()
+        options, violations = read_own(kind.options, value, f"the fault {name}")
         keys = _keys(name)
-        values, violations = read_keys(value, keys | dict.fromkeys(own.names, Anything()), [name, *kind.needs])
-        if violations := [*violations, *own.violations]:
+        valid = keys | dict.fromkeys(own_keys(kind.options), Anything())
+        values, more = read_keys(value, valid, [name, *kind.needs])
+        if violations := [*more, *violations]:
             raise ConstraintError(*violations)
         values = {key: item for key, item in values.items() if key in keys}
-        return Fault(name, values.pop(name), **values, options=own.options)
+        return Fault(name, values.pop(name), **values, options=options)
 
     def plain(self, value: Fault, spec: int) -> Any:
         return plain_fault(value)
@@ -152,7 +153,7 @@ class FaultItem(Constraint):
             kind: FaultKind = FAULTS[name]
             helps = {key: one.help for key, one in Fault.__table__.items()} | {name: kind.help}
             properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
-            properties |= own_options.schemas(kind.options) if kind.options else {}
+            properties |= {key: one.json() for key, one in own_keys(kind.options).items()}
             required = [name, *kind.needs]
             every.append(
                 {"type": "object", "properties": properties, "required": required, "additionalProperties": False}

@@ -1,99 +1,142 @@
 """Own keys of receiver models, faults and observers: the fields of their `Options`, a dataclass.
 
-pydantic validates them by their annotations (`Annotated[int, pydantic.Field(ge=1)]`).
+Their constraints follow from their annotations: the type, and limits of annotated-types (`Annotated[int, Ge(1)]`).
 """
 
-import dataclasses
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Final
+import functools
+import numbers
+import operator
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from types import UnionType
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, get_type_hints
 
-from arva_hil.config.constraints import FLOAT, WHOLE
-from arva_hil.config.errors import Violation, any_of
-from arva_hil.config.nodes import Scalar
-from arva_hil.config.tables import OtherKeys
+from arva_hil.config.constraints import FLOAT, WHOLE, Constraint, read_each
+from arva_hil.config.errors import ConstraintError, wrong
+from arva_hil.errors import KindError
 
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
-    from pydantic_core import ValidationError
-
-_ADAPTERS: Final[dict[type[Any], "TypeAdapter[Any]"]] = {}
-_WORDS: Final = {"true": True, "false": False, "null": None, "~": None}
-
-
-def read(cls: type[Any], mapping: Mapping[str, Any], what: str) -> OtherKeys:
-    """Return the own keys in a mapping of a file. `what`: their owner, for messages."""
-    names = [field.name for field in dataclasses.fields(cls)]
-    from pydantic import ValidationError  # slow to import
-
-    try:
-        options = adapter(cls).validate_python({name: plain(mapping[name]) for name in names if name in mapping})
-    except ValidationError as error:
-        return OtherKeys(names, None, list(_violations(error, what)))
-    return OtherKeys(names, options)
+_LIMITS: Final = {  # by the name in annotated-types: the comparison, its words, its name in a JSON Schema
+    "gt": (operator.gt, "greater than", "exclusiveMinimum"),
+    "ge": (operator.ge, "greater than or equal to", "minimum"),
+    "lt": (operator.lt, "less than", "exclusiveMaximum"),
+    "le": (operator.le, "less than or equal to", "maximum"),
+}
+_TYPES: Final[Mapping[Any, tuple[str, str, Any]]] = {  # the name in a JSON Schema, the texts, the values in Python
+    bool: ("boolean", "true|false", bool),
+    int: ("integer", WHOLE.pattern, numbers.Integral),
+    float: ("number", FLOAT.pattern, numbers.Real),
+    str: ("string", "(?s:.*)", str),
+}
 
 
-def checked(cls: type[Any] | None, options: Any, what: str) -> Any:
-    """Return the options from Python: `cls`, a mapping, or None for the defaults. Raises ValueError."""
+@dataclass(frozen=True)
+class OwnKey(Constraint):
+    """The constraint of a field. `hint`: its annotation; `default`: MISSING without one."""
+
+    hint: Any
+    default: Any
+
+    def read(self, value: Any) -> Any:
+        return _read(self.hint, value)
+
+    def json(self) -> dict[str, Any]:
+        default = {} if self.default in (None, MISSING) else {"default": self.plain(self.default, 1)}
+        return _schema(self.hint) | default
+
+
+def own_keys(cls: type[Any] | None) -> Mapping[str, OwnKey]:
+    """Return the constraints of own keys; `cls`: the class of the options, None without one."""
     if cls is None:
-        if options is not None:
-            raise ValueError(f"options: {options!r}, expected None: {what} has no keys of its own")
-        return None
-    if isinstance(options, cls):
-        return options
-    if not isinstance(options, Mapping | None):
-        raise ValueError(f"options: {options!r}, expected {cls.__qualname__} or a mapping")
-    names = [field.name for field in dataclasses.fields(cls)]
-    if unknown := [name for name in options or () if name not in names]:
-        raise ValueError(f"options: {unknown[0]!r}, expected {any_of(names)}")
-    return adapter(cls).validate_python(dict(options or {}))
+        return {}
+    if not is_dataclass(cls):
+        raise KindError(f"the Options {cls.__qualname__} are no dataclass", "decorate them with @dataclass")
+    hints = get_type_hints(cls, include_extras=True)
+    return {one.name: OwnKey(hints[one.name], one.default) for one in fields(cls)}
 
 
-def schemas(cls: type[Any]) -> dict[str, Any]:
-    """Return the JSON Schema of each own key."""
-    schema = adapter(cls).json_schema()
-    return {name: {} if "$defs" in schema else _tidy(one) for name, one in schema["properties"].items()}
+def required_keys(cls: type[Any] | None) -> list[str]:
+    """Return the own keys without a default."""
+    return [name for name, one in own_keys(cls).items() if one.default is MISSING]
 
 
-def adapter(cls: type[Any]) -> "TypeAdapter[Any]":
-    """Return the validator of a class, made once: making it takes a millisecond."""
-    from pydantic import TypeAdapter  # slow to import
-
-    if cls not in _ADAPTERS:
-        _ADAPTERS[cls] = TypeAdapter(cls)
-    return _ADAPTERS[cls]
-
-
-def _tidy(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a schema without its title and without null, which no file has."""
-    kept = {key: value for key, value in schema.items() if key != "title" and value is not None}
-    if "anyOf" in kept:
-        kept["anyOf"] = [one for one in kept["anyOf"] if one != {"type": "null"}]
-        if len(kept["anyOf"]) == 1:
-            kept |= kept.pop("anyOf")[0]
-    return kept
-
-
-def plain(value: Any) -> Any:
-    """Return a value of a file as plain data: true, false, null, numbers, texts, lists and mappings."""
-    if isinstance(value, Scalar):
-        if value.plain in _WORDS:
-            return _WORDS[value.plain]
-        if WHOLE.fullmatch(value.plain):
-            return int(value.plain)
-        return float(value.plain) if FLOAT.fullmatch(value.plain) else str(value)
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list) else value
+def _read(hint: Any, value: Any) -> Any:
+    """Return a value of a file or of Python as the type that is annotated."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        made = _read(args[0], value)
+        for limit, (fits, words, _) in _limits(args):
+            if made is not None and not fits(made, limit):
+                raise wrong(f"{words} {limit}")
+        return made
+    if origin in (Union, UnionType):  # with None
+        return None if getattr(value, "plain", value) in (None, "null", "~") else _read(args[0], value)
+    if origin in (tuple, list):
+        return _several(origin, args, value)
+    if origin is Literal:
+        return _word(args, value)
+    return _one(hint, value)
 
 
-def _violations(error: "ValidationError", what: str) -> Iterator[Violation]:
-    for one in error.errors(include_url=False, include_input=False):
-        message, path = one["msg"], one["loc"]
-        if one["type"] == "missing" and len(path) == 1:
-            yield Violation(f"a mapping with {path[0]}", f"no {path[0]}")
-        elif message.startswith("Input should be "):
-            expected = message.removeprefix("Input should be ").partition(", unable to parse")[0]
-            yield Violation(expected, path=path)
-        else:
-            found, _, expected = message.removeprefix("Value error, ").partition(": expected ")
-            yield Violation(expected or f"what {what} takes", found, path=path)
+def _one(cls: Any, value: Any) -> Any:
+    """Return a value of a simple type, or of a class that is made of a text."""
+    name, texts, kinds = _TYPES.get(cls, (cls.__name__, "(?s:.+)", cls))
+    plain = getattr(value, "plain", value) if cls in (bool, int, float) else value
+    if isinstance(plain, str):
+        fits = bool(re.fullmatch(texts, plain))
+    else:
+        fits = isinstance(plain, kinds) and (cls is bool or not isinstance(plain, bool))
+    with suppress(ValueError):  # of another class
+        if fits:
+            return plain in (True, "true") if cls is bool else cls(plain)
+    raise wrong(f"a valid {name}")
+
+
+def _word(words: Sequence[Any], value: Any) -> Any:
+    """Return the word that the value is."""
+    made = value
+    with suppress(ConstraintError):
+        made = _one(type(words[0]), value)
+    if made not in words:
+        *first, last = map(repr, words)
+        raise wrong(f"{', '.join(first)} or {last}" if first else last)
+    return made
+
+
+def _several(cls: Any, args: Sequence[Any], value: Any) -> Any:
+    """Return a list or a tuple. `args`: the types of its items, or one and an ellipsis for any number."""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise wrong(f"a valid {cls.__name__}")
+    each = [args[0]] * len(value) if cls is list or args[-1] is ... else args
+    if len(value) != len(each):
+        raise wrong(f"a list of {len(each)}")
+    values, violations = read_each(value, [functools.partial(_read, one) for one in each])
+    if violations:
+        raise ConstraintError(*violations)
+    return cls(values)
+
+
+def _schema(hint: Any) -> dict[str, Any]:
+    """Return the JSON Schema of the type that is annotated."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _schema(args[0]) | {name: limit for limit, (_, _, name) in _limits(args)}
+    if origin in (Union, UnionType):
+        return _schema(args[0])
+    if origin is Literal:
+        return {"enum": list(args)} | _schema(type(args[0]))
+    if origin is list or (origin is tuple and args[-1] is ...):
+        return {"type": "array", "items": _schema(args[0])}
+    if origin is tuple:
+        size = len(args)
+        return {"type": "array", "minItems": size, "maxItems": size, "prefixItems": [_schema(one) for one in args]}
+    return {"type": _TYPES[hint][0] if hint in _TYPES else "string"}
+
+
+def _limits(args: Sequence[Any]) -> Iterator[tuple[Any, tuple[Any, str, str]]]:
+    """Yield the limits in an annotation."""
+    for annotation in args[1:]:
+        for name, limit in _LIMITS.items():
+            if (value := getattr(annotation, name, None)) is not None:
+                yield value, limit

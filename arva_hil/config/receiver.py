@@ -1,16 +1,16 @@
 """The receiver of a scenario: its properties, its mount, its rate, and the own keys of its model."""
 
-import dataclasses
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import InitVar, asdict
 from typing import Any, Final
 
-from arva_hil.config import own_options
 from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
 from arva_hil.config.constraints import Anything, Named, Number, Numbers, Whole, Word
 from arva_hil.config.display import DisplayOptions
 from arva_hil.config.errors import Violation, wrong
-from arva_hil.config.tables import OtherKeys, Table, key, valid_value
+from arva_hil.config.own_options import own_keys
+from arva_hil.config.tables import Table, key, own_options, valid_value
 from arva_hil.config.transmitter import PROFILE, VehicleNoiseOptions
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
@@ -18,45 +18,12 @@ from arva_hil.registry import RECEIVERS
 PAPER: Final = "paper"  # it has no keys of its own; a scenario without another model imports none
 
 
-def read_options(model: str | None, mapping: Mapping[str, Any]) -> OtherKeys:
-    """Return the own keys of this model in a mapping (None: the model is unknown)."""
-    cls = options_class(model)
-    return OtherKeys() if cls is None else own_options.read(cls, mapping, f"the receiver model {model}")
-
-
-def checked_options(model: str, options: Any) -> Any:
-    """Return the options of a model from Python: its `Options`, a mapping, or None for the defaults.
-
-    Raises ValueError.
-    """
-    if options is None and options_class(model) is None:
-        return None
-    return own_options.checked(options_class(model), options, f"the receiver model {model}")
-
-
-def options_class(model: str | None) -> type[Any] | None:
-    """Return the class of a model's own keys; None if it has none, or cannot be used.
-
-    Raises KindError for no dataclass.
-    """
-    if model is None or model == PAPER:
-        return None
-    try:
-        cls = getattr(RECEIVERS[model], "Options", None)
-    except KindError:  # reported where the model is named
-        return None
-    if cls is not None and not (isinstance(cls, type) and dataclasses.is_dataclass(cls)):
-        raise KindError(f"the Options of the receiver model {model} are no dataclass", "decorate them with @dataclass")
-    return cls
-
-
-def schemas() -> dict[str, Any]:
-    """Return the JSON Schema of each own key of all models that are installed."""
-    every: dict[str, Any] = {}
-    for cls in filter(None, map(options_class, RECEIVERS.names())):
-        for name, one in own_options.schemas(cls).items():
-            every.setdefault(name, one)
-    return every
+def own_class(model: str | None) -> tuple[type[Any] | None, str]:
+    """Return the class of a model's own keys, None if it has none or cannot be used; and the model, for messages."""
+    with suppress(KindError):  # reported where the model is named
+        if model not in (None, PAPER):
+            return getattr(RECEIVERS[model], "Options", None), f"the receiver model {model}"
+    return None, f"the receiver model {model}"
 
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
@@ -136,12 +103,13 @@ class ReceiverOptions(Table):
     )
 
     def __post_init__(self, profile: str | None) -> None:
-        object.__setattr__(self, "options", checked_options(self.model, self.options))
+        cls, owner = own_class(self.model)
+        object.__setattr__(self, "options", own_options(cls, self.options, owner))
 
     @classmethod
-    def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
-        """Return the model's own keys."""
-        return read_options(valid_value(cls, mapping, "model"), mapping)
+    def own_class(cls, mapping: Mapping[str, Any]) -> tuple[type[Any] | None, str]:
+        """Return the class of the model's own keys."""
+        return own_class(valid_value(cls, mapping, "model"))
 
     def file_keys(self) -> dict[str, Any]:
         """Return the keys with another form in files than in Python."""
@@ -150,7 +118,11 @@ class ReceiverOptions(Table):
     @classmethod
     def other_schemas(cls) -> dict[str, Any]:
         """Return the JSON Schemas of the models' own keys."""
-        return schemas()
+        schemas: dict[str, Any] = {}
+        for model in RECEIVERS.names():
+            for name, one in own_keys(own_class(model)[0]).items():
+                schemas.setdefault(name, one.json())
+        return schemas
 
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:

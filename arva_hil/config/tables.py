@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform, get_args
 from arva_hil.config.constraints import Anything, Constraint, Named, Word
 from arva_hil.config.errors import ConstraintError, Violation, any_of, short
 from arva_hil.config.nodes import spec_of
+from arva_hil.config.own_options import own_keys, required_keys
 from arva_hil.errors import nearest
 
 
@@ -40,14 +41,6 @@ class Field(NamedTuple):
 
 class Given(SimpleNamespace):
     """A table of a file that is not wholly valid: its fields, None where wrong. `mapping`: the file's."""
-
-
-class OtherKeys(NamedTuple):
-    """Keys of a mapping that are not declared: their `names`, and their mistakes or the field `options`."""
-
-    names: Collection[str] = ()
-    options: Any = None
-    violations: Collection[Violation] = ()
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(key,))
@@ -84,9 +77,9 @@ class Table:
         return ()
 
     @classmethod
-    def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
-        """Read the keys of a file's mapping that are not declared."""
-        return OtherKeys()
+    def own_class(cls, mapping: Mapping[str, Any]) -> tuple[type[Any] | None, str]:
+        """Return the class of own keys in a file's mapping, for the field `options`, and their owner for messages."""
+        return None, ""
 
     @classmethod
     def other_schemas(cls) -> Mapping[str, Any]:
@@ -196,17 +189,16 @@ class TableOf(Constraint):
         if not isinstance(value, Mapping):
             near = next((f"{{{name}: {value}}}" for name, one in known.items() if _is_word(one, value)), None)
             raise ConstraintError(Violation(f"a mapping with {', '.join(known)}", nearest=near))
-        other = cls.other_keys(value)
-        valid = known | dict.fromkeys(other.names, Anything())
-        values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, keys(cls))
-        for name in other.names:
-            values.pop(name, None)
+        own, owner = cls.own_class(value)
+        options, violations = read_own(own, value, owner)
+        valid = known | dict.fromkeys(own_keys(own), Anything())
+        values, more = read_keys(value, valid, cls.__required__, cls.__one_of__, keys(cls))
+        values = {name: item for name, item in values.items() if name in known}
         given = Given(**cls.__defaults__ | values, mapping=value)
-        violations += [*other.violations, *cls.conflicts(given)]
+        violations += [*more, *cls.conflicts(given)]
         if violations:
             raise ConstraintError(*violations, given=given)
-        options = {"options": other.options} if other.names else {}
-        return _made(cls, values | options | self._more)
+        return _made(cls, values | {"options": options} | self._more)
 
     def plain(self, value: Any, spec: int) -> Any:
         file_keys: dict[str, Any] = dict(value.file_keys())
@@ -327,3 +319,36 @@ def duplicates(items: Iterable[tuple[tuple[str | int, ...], Any]], key: str, wha
         if value is not None and (first := seen.setdefault(value, path)) != path:
             expected = f"{'an' if key[0] in 'aeiou' else 'a'} {key} of its own"
             yield Violation(expected, f"{what} {value} again", None, (*path, key), first=(*first, key))
+
+
+def read_own(cls: type[Any] | None, mapping: Mapping[str, Any], owner: str) -> tuple[Any, list[Violation]]:
+    """Return the options of the class in a mapping of a file, which may have other keys; and all problems."""
+    own = own_keys(cls)
+    given = {name: mapping[name] for name in own if name in mapping}
+    values, violations = read_keys(given, own, required_keys(cls))
+    if cls is None or violations:
+        return None, violations
+    try:
+        return cls(**values), []
+    except ValueError as error:  # of its `__post_init__`
+        found, _, expected = str(error).partition(": expected ")
+        return None, [Violation(expected or f"what {owner} takes", found)]
+
+
+def own_options(cls: type[Any] | None, options: Any, owner: str) -> Any:
+    """Return the options from Python: of `cls`, a mapping, or None for the defaults. Raises ValueError."""
+    own = own_keys(cls)
+    if cls is None:
+        if options is not None:
+            raise ValueError(f"options: {options!r}, expected None: {owner} has no keys of its own")
+        return None
+    if isinstance(options, cls):
+        return options
+    if not isinstance(options, Mapping | None):
+        raise ValueError(f"options: {options!r}, expected {cls.__qualname__} or a mapping")
+    if unknown := [name for name in options or () if name not in own]:
+        raise ValueError(f"options: {unknown[0]!r}, expected {any_of(own)}")
+    values, violations = read_keys(options or {}, own, required_keys(cls))
+    if violations:
+        raise ConstraintError(*(_described(one, options) for one in violations))
+    return cls(**values)

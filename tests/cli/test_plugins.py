@@ -196,7 +196,7 @@ def test_an_observer_is_named_by_its_place_too_and_its_options_are_checked(arva:
         "count": "--observer count: ",
         "count,out": "'count,out': expected NAME,KEY=VALUE, each key once",
         "count,out=x,lest=3": "--observer count: options: 'lest', expected one of out, least",
-        "count,out=x,least=few": "Input should be a valid integer",
+        "count,out=x,least=few": "--observer count: least: 'few', expected a valid integer",
     }.items():
         code, _, err = arva("replay", LOG, "--observer", given, "--out", tmp_path / "frames")
         assert (code, answer in err) == (2, True), err

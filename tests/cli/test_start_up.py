@@ -16,7 +16,7 @@ from arva_hil.cli.options import module_name
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
 
-SLOW = ["dask", "importlib.metadata", "jinja2", "matplotlib", "numpy", "pydantic", "pydantic_core", "pymavlink", "yaml"]
+SLOW = ["dask", "importlib.metadata", "jinja2", "matplotlib", "numpy", "pymavlink", "yaml"]
 PROGRAM = """
 import json, sys
 from arva_hil.cli.main import main
@@ -64,11 +64,11 @@ def test_every_command_has_its_arguments_and_what_it_does(command: str) -> None:
     assert callable(importlib.import_module(f"arva_hil.cli.{module_name(command)}").main)
 
 
-def test_a_scenario_that_is_no_file_needs_neither_yaml_nor_pydantic(tmp_path: Path) -> None:
+def test_a_scenario_that_is_no_file_needs_no_yaml(tmp_path: Path) -> None:
     log = tmp_path / "one.tlog"
     log.write_bytes(
         tlog_record(1_700_000_000_000_000, Encoder(1, 1).pack(dialect.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3)))
     )
     codes, imported = start([["replay", str(log), "--out", str(tmp_path / "out"), "--rate", "5", "--seed", "7"]], {})
     assert codes == [0]
-    assert not {"yaml", "pydantic", "pydantic_core"} & set(imported)
+    assert "yaml" not in imported

@@ -147,7 +147,7 @@ def test_a_byte_order_mark_and_windows_line_ends_are_read(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("module", "absent"),
-    [("scenario", ["numpy", "pydantic", "importlib.metadata"]), ("common", ["numpy", "pydantic", "pydantic_core"])],
+    [("scenario", ["numpy", "importlib.metadata"]), ("common", ["numpy"])],
 )
 def test_importing_it_does_not_import_what_is_slow(module: str, absent: list[str]) -> None:
     code = f"import sys, arva_hil.config.{module}; sys.exit(bool(set({absent}) & set(sys.modules)))"

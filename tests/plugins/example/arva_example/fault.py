@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Annotated
 
-from pydantic import Field
+from annotated_types import Ge, Le
 
 from arva_hil import FaultKind, Number
 
@@ -15,7 +15,7 @@ from arva_hil import FaultKind, Number
 class Options:
     """Own keys of the fault."""
 
-    first: Annotated[int, Field(ge=2, le=1000)] = 1000
+    first: Annotated[int, Ge(2), Le(1000)] = 1000
 
 
 def _reversed(data: bytes, share: float, random: Random, options: Options) -> tuple[bytes, int]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field
+from annotated_types import Ge, Le
 
 from arva_hil import Answer, Look, PaperReceiver, Reading, ReceiverSettings
 
@@ -20,7 +20,7 @@ class Hold:
     class Options:
         """Its keys in a scenario, beside those of every receiver."""
 
-        looks: Annotated[int, Field(ge=1, le=100)] = 3
+        looks: Annotated[int, Ge(1), Le(100)] = 3
         label: str = "hold"
 
     def __init__(self, paper: PaperReceiver, looks: int) -> None:
