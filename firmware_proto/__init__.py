@@ -18,13 +18,15 @@ from firmware_proto.frame import (
     SELF_TEST_FAULT,
     SYNTHETIC,
     Channel,
-    Format,
     Frame,
     FrameDecoder,
+    LevelChannel,
+    Measured,
+    VectorChannel,
 )
-from firmware_proto.measured import LevelChannel, Measured, VectorChannel
 from firmware_proto.nmea import NmeaDecoder, encode_nmea
 from firmware_proto.text import TextDecoder, encode_text
+from firmware_proto.wire_format import Format
 
 __all__ = ["INNER", "MAX_CHANNELS", "MAX_FRAME_BYTES", "MID", "NO_SIGNAL", "OUTER"]
 __all__ += ["INTERFERENCE", "MORE_TRANSMITTERS", "NOT_SEARCHING", "OVERLAP", "SELF_TEST_FAULT", "SYNTHETIC"]

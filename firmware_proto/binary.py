@@ -9,7 +9,8 @@ from typing import Final
 from fastcrc import crc16
 
 from firmware_proto.commands import BINARY_HOST
-from firmware_proto.frame import MARKED, MAX_CHANNELS, Channel, Format, Frame, FrameDecoder, Pending, check
+from firmware_proto.frame import MARKED, MAX_CHANNELS, Channel, Frame, FrameDecoder, Pending, check
+from firmware_proto.wire_format import Format
 
 VERSION: Final = 1
 MAX_FRAME_BYTES: Final = 9 + 6 * MAX_CHANNELS

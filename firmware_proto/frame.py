@@ -7,11 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, NamedTuple
-
-if TYPE_CHECKING:
-    from firmware_proto.commands import HostForm
-    from firmware_proto.measured import Measured
+from typing import Final, NamedTuple
 
 SYNTHETIC: Final = 1  # status bits; always set by an emulator
 INTERFERENCE: Final = 2  # above the receiver's limit
@@ -47,6 +43,45 @@ class Channel(NamedTuple):
     def valid(self) -> bool:
         """True if the channel receives a transmitter: d > 0, for any δ and id (PROTOCOL.md, "No signal")."""
         return self.d > 0
+
+
+class VectorChannel(NamedTuple):
+    """The newest pulse of one transmitter at three antennas.
+
+    `x`, `y`, `z`: signed amplitudes in 0.01 nA/m; their signs are relative to each other. `period`: of the transmitter
+    in 0.1 ms, 0 if unknown. `carrier`: its offset from 457 kHz in 0.1 Hz, None if unknown. `age_ms`: from the pulse's
+    end to the message's time, None if there was no pulse. `id`, `zone`, `marked`: as in `Channel`.
+    """
+
+    id: int | None = None
+    zone: int = OUTER
+    marked: bool = False
+    x: int = 0
+    y: int = 0
+    z: int = 0
+    period: int = 0
+    carrier: int | None = None
+    age_ms: int | None = None
+
+
+class LevelChannel(NamedTuple):
+    """The strength of the newest pulse of one transmitter at one antenna.
+
+    `level`: in 0.01 dB of the receiver's full scale (dBFS), None without a signal. The others as in `VectorChannel`.
+    """
+
+    id: int | None = None
+    zone: int = OUTER
+    marked: bool = False
+    level: int | None = None
+    age_ms: int | None = None
+
+
+class Measured(NamedTuple):
+    """The measured values of a receiver: `time_ms` is its clock, below 2³²; a pulse ended `age_ms` before it."""
+
+    time_ms: int
+    channels: tuple[VectorChannel, ...] | tuple[LevelChannel, ...]
 
 
 class Frame(NamedTuple):
@@ -118,25 +153,6 @@ class Pending:
             held = data[at:]
         self._bytes, self._arrived = held, arrived
         return given_up
-
-
-class Format(NamedTuple):
-    """A wire format: its encoder and its decoder.
-
-    `encode` raises ValueError for a frame that does not fit. `decoder` makes a decoder for one stream of bytes.
-
-    - `numbered`: the bytes contain the frame's sequence number and status.
-    - `host`: the format of commands and answers on the same port; None if the receiver takes none.
-    - `ids`: the bytes contain the ids of transmitters, so that several drones can search together.
-    - `measured`: the measured values that the bytes contain: "vector", "level", or "" for none.
-    """
-
-    encode: Callable[[Frame], bytes]
-    decoder: Callable[[], FrameDecoder]
-    numbered: bool = False
-    host: HostForm | None = None
-    ids: bool = False
-    measured: str = ""
 
 
 def missing(before: int, sequence: int) -> int:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from firmware_proto.frame import INNER, MID, Channel, Format, Frame, check
+from firmware_proto.frame import INNER, MID, Channel, Frame, check
 from firmware_proto.text import TextDecoder
+from firmware_proto.wire_format import Format
 
 _LINE: Final = re.compile(rb"([.*]{5}) (--|\d\.\d|\d\d)\r?")
 _LIGHTS: Final = 5

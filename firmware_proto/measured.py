@@ -10,10 +10,11 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from firmware_proto.binary import encode, frame_at, size_at
 from firmware_proto.commands import BINARY_HOST
-from firmware_proto.frame import MARKED, MAX_CHANNELS, OUTER, Format, Frame, FrameDecoder
+from firmware_proto.frame import MARKED, MAX_CHANNELS, Frame, FrameDecoder, LevelChannel, Measured, VectorChannel
 from firmware_proto.messages import Kind, MessageDecoder, seal
+from firmware_proto.wire_format import Format
 
-C = TypeVar("C", "VectorChannel", "LevelChannel")
+C = TypeVar("C", VectorChannel, LevelChannel)
 
 VECTOR_KIND: Final = 1
 LEVEL_KIND: Final = 2
@@ -29,45 +30,6 @@ _VECTOR: Final = struct.Struct("<BBBhhhHhH")  # id, zone, exponent, x, y, z, per
 _LEVEL: Final = struct.Struct("<BBhH")  # id, zone, level, age
 _MESSAGE_BYTES: Final = 8 + _HEAD.size  # without channels
 _FINEST: Final = 100.0  # of the amplitudes, in 1 nA/m
-
-
-class VectorChannel(NamedTuple):
-    """The newest pulse of one transmitter at three antennas.
-
-    `x`, `y`, `z`: signed amplitudes in 0.01 nA/m; their signs are relative to each other. `period`: of the transmitter
-    in 0.1 ms, 0 if unknown. `carrier`: its offset from 457 kHz in 0.1 Hz, None if unknown. `age_ms`: from the pulse's
-    end to the message's time, None if there was no pulse. `id`, `zone`, `marked`: as in `Channel`.
-    """
-
-    id: int | None = None
-    zone: int = OUTER
-    marked: bool = False
-    x: int = 0
-    y: int = 0
-    z: int = 0
-    period: int = 0
-    carrier: int | None = None
-    age_ms: int | None = None
-
-
-class LevelChannel(NamedTuple):
-    """The strength of the newest pulse of one transmitter at one antenna.
-
-    `level`: in 0.01 dB of the receiver's full scale (dBFS), None without a signal. The others as in `VectorChannel`.
-    """
-
-    id: int | None = None
-    zone: int = OUTER
-    marked: bool = False
-    level: int | None = None
-    age_ms: int | None = None
-
-
-class Measured(NamedTuple):
-    """The measured values of a receiver: `time_ms` is its clock, below 2³²; a pulse ended `age_ms` before it."""
-
-    time_ms: int
-    channels: tuple[VectorChannel, ...] | tuple[LevelChannel, ...]
 
 
 class MeasuredMessage(NamedTuple):

@@ -6,8 +6,9 @@ import re
 from typing import Final
 
 from firmware_proto.command_lines import LINE_HOST
-from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
+from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Frame, FrameDecoder, check
 from firmware_proto.sentence import ChecksumError, begun, body_of, sentence
+from firmware_proto.wire_format import Format
 
 _BODY: Final = re.compile(rb"PARVA,(\d{1,3}),(\d{1,3}),(\d{1,2}),(\d{1,2}),(\d{0,3}),(\d{1,3}),(-?\d{1,5}),(-?\d{1,5})")
 

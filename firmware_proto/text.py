@@ -6,7 +6,8 @@ import re
 from typing import Final
 
 from firmware_proto.command_lines import LINE_HOST
-from firmware_proto.frame import PAUSE_S, Channel, Format, Frame, FrameDecoder, check
+from firmware_proto.frame import PAUSE_S, Channel, Frame, FrameDecoder, check
+from firmware_proto.wire_format import Format
 
 _LINE: Final = re.compile(rb"(-?\d{1,5}),(-?\d{1,5})\r?")
 _KEPT: Final = len(b"-32768,-32768\r") + 1  # one more than a valid line: what is cut to this length stays invalid

@@ -18,9 +18,9 @@ from arva_hil.events import Event, FrameMade, PoseFound, PoseLost, PoseMissing
 from arva_hil.model.field import Transmitters
 from arva_hil.model.receiver import Answer, ChannelReading, Impairment, Look, Pose, Reading, ReceiverModel
 from arva_hil.registry import FORMATS
-from firmware_proto import Channel, Frame
+from firmware_proto import Channel, Frame, LevelChannel, Measured, VectorChannel
 from firmware_proto.commands import RESTART
-from firmware_proto.measured import LevelChannel, Measured, VectorChannel, level_channel, vector_channel
+from firmware_proto.measured import level_channel, vector_channel
 
 _WORST_BACKLOG_S: Final = 1.0  # frames later than this are skipped, not sent in a burst
 _BLIND_S: Final = 8.0  # with a vehicle but without a pose, emit an event after this time

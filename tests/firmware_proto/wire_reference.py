@@ -17,6 +17,7 @@ FRAMES = st.builds(
     sequence=st.integers(0, 255),
     status=st.integers(0, 255),
     channels=st.lists(CHANNELS, min_size=1, max_size=16).map(tuple),
+    measured=st.none(),
 )
 
 

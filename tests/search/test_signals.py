@@ -11,8 +11,8 @@ from arva_hil.model.field import dipole_field, rotation
 from arva_hil.search.mission.choice import observations, pulses
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.strategy import Observation
-from firmware_proto import INNER, MID, Channel, Frame
-from firmware_proto.measured import VECTOR, LevelChannel, Measured, VectorChannel
+from firmware_proto import INNER, MID, Channel, Frame, LevelChannel, Measured, VectorChannel
+from firmware_proto.measured import VECTOR
 
 KAPPA_EQ = 1.542
 

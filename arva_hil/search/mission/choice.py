@@ -20,8 +20,7 @@ from arva_hil.events.searches import (
 )
 from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.strategy import Found, Observation, Position
-from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Channel, Frame
-from firmware_proto.measured import LevelChannel, VectorChannel
+from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Channel, Frame, LevelChannel, VectorChannel
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
 _NEARER: Final = 0.7  # choose another transmitter only if it is nearer by this factor
