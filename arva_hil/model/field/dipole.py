@@ -178,25 +178,17 @@ def field_of(places: Array, positions: Array, moments: Array) -> Array:
 
     `moments`: axis times strength / 4π.
     """
-    h, squared = field_times_cube(places - positions, moments)
+    h = places - positions
+    squared, along = _dot(h, h), _dot(h, 3 * moments)
+    along /= squared
+    h *= along
+    h -= moments
     h /= squared * np.sqrt(squared)
     if not (squared.min(initial=1.0) > NEAREST_M**2 and squared.max(initial=1.0) < _FAR_M2):
         all_r, all_moments = np.broadcast_arrays(places - positions, moments)
         for m, n in np.argwhere(~((squared > NEAREST_M**2) & (squared < _FAR_M2))).tolist():
             h[:, m, n] = one_field(*all_r[:, m, n].tolist(), *all_moments[:, m, n].tolist())[1:]
     return h
-
-
-def field_times_cube(r: Array, moments: Array) -> tuple[Array, Array]:
-    """Return the field times the cube of the distance (3, M, N), and the square of the distance (M, N).
-
-    `r` (3, M, N): from the dipoles to the places; it is overwritten. `moments` as for `field_of`.
-    """
-    squared, along = _dot(r, r), _dot(r, 3 * moments)
-    along /= squared
-    r *= along
-    r -= moments
-    return r, squared
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -232,5 +224,5 @@ def _moments(rotations: Array, strengths: Array) -> Array:
 
 
 def _columns(rows: Array) -> Array:
-    """Return vectors (M, 3) as (3, M, 1), for `field_of`."""
+    """Return vectors (M, 3) as (3, M, 1), for `dipole_field`."""
     return np.ascontiguousarray(rows.T)[:, :, None]

@@ -21,32 +21,23 @@ def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
 
 
 def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
-    """Return noise w (m, 3) in NED, from 3 doubles for each; `off` is 0 and draws none."""
+    """Return noise w (m, 3) in NED, from 3 doubles for each: uniform on the sphere, ‖w‖ ≤ bound.
+
+    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound; `off` is 0 and draws none.
+    """
     if kind == "off":
         return np.zeros((m, 3))
-    return np.ascontiguousarray(noise_of(rng.random((m, 3)).T, kind, bound).T)
-
-
-def noise_of(u: Array, kind: NoiseKind, bound: float) -> Array:
-    """Return noise w (3, N) in NED from u (3, N) in [0, 1) (z, azimuth, magnitude): uniform on the sphere, ‖w‖ ≤ bound.
-
-    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound.
-    """
-    z, magnitude = 2 * u[0] - 1, u[2]
+    height, azimuth, magnitude = rng.random((m, 3)).T
     if kind == "gaussian":
         from statistics import NormalDist  # slow to import
 
         inverse = NormalDist().inv_cdf
         magnitude = np.array([min(1.0, -inverse(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
-    size = bound * magnitude
+    z, size = 2 * height - 1, bound * magnitude
     across = np.sqrt(1 - z * z) * size
-    half = np.tan(np.pi * u[1])  # tangent of half the azimuth: much faster than cosine and sine
+    half = np.tan(np.pi * azimuth)  # tangent of half the azimuth: much faster than cosine and sine
     more = 2 * across / (1 + half * half)  # across · (1 + cosine)
-    w = np.empty(u.shape)
-    np.subtract(more, across, out=w[0])
-    np.multiply(half, more, out=w[1])
-    np.multiply(z, size, out=w[2])
-    return w
+    return np.column_stack((more - across, half * more, z * size))
 
 
 class NoiseSource:
