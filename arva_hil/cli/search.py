@@ -32,6 +32,7 @@ from arva_hil.links.shared import SharedLink
 from arva_hil.mavlink.signing import Signing
 from arva_hil.observers.console import Printer
 from arva_hil.observers.ground_station import GroundStation
+from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.state import State
 from arva_hil.records.writing.search_log import SearchLog
 from arva_hil.registry import FORMATS
@@ -241,6 +242,7 @@ def _client(
         team=member.mate,
         tunnel=member.tunnel,
         worker=one.worker,
+        tell_packets=isinstance(options.web, HostPort),  # for the page
     )
 
 

@@ -166,6 +166,10 @@ def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Ta
     assert tab.page.locator("#outcome").get_attribute("data-level") == "good"
     lat, lon = map(float, tab.text("#outcome code").split(","))
     assert [lat, lon] == pytest.approx(found["lat_lon"], abs=1.1e-7)
+    tab.page.get_by_role("button", name="QR code").press("Enter")
+    assert tab.page.locator("[popover]").evaluate("(code) => code.naturalWidth > 0 && code.clientWidth > 300")
+    tab.page.keyboard.press("Escape")
+    assert not tab.page.locator("[popover]").is_visible()
     assert not tab.page.locator("#banner").is_visible()
 
 
@@ -197,6 +201,7 @@ def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_
     with open(tmp_path / "record" / "search.csv", newline="") as file:
         logged = [int(row["d_cm"]) for row in csv.DictReader(file) if row["d_cm"]]
     assert abs(shown - logged[-1]) <= 7 * 50  # the log has fewer rows, and on a slow machine the page is behind
+    assert re.search(r"mode\n.*armed", tab.text("#checks"))
     assert not tab.page.locator("#truth").is_visible()  # there is none to show
     assert "transmitter 4" in tab.text("#belief")
     assert int(tab.text("#belief").split("hypotheses\n")[1].split("\n")[0]) > 0

@@ -64,6 +64,22 @@ def test_at_every_time_there_is_what_there_was_in_any_order(flown: Path) -> None
     assert "search: going for transmitter 1, 19.2 m away" in texts
 
 
+def test_at_every_time_a_vehicle_has_its_health_of_then(flown: Path) -> None:
+    state = RecordedState(load(flown))
+    for time_s, mode in ((12.0, "GUIDED, armed"), (1e9, "LAND, armed"), (12.0, "GUIDED, armed")):
+        checks = {name: value for _, name, value, _ in shown(state, time_s)["vehicles"][0]["checks"]}
+        assert checks["mode"] == mode
+        assert checks["GPS"] == "3D fix, 10 satellites"
+        assert checks["link"] == "0.0 s ago"
+
+
+def test_a_log_that_cannot_be_read_leaves_out_the_health_alone(record: Path) -> None:
+    (record / "autopilot.tlog").mkdir()
+    document = shown(RecordedState(load(record)), 12.0)
+    assert document["vehicles"][0]["checks"] == []
+    assert len(document["receivers"][0]["points"]) == 13
+
+
 def test_before_and_after_the_record_are_its_ends(flown: Path) -> None:
     state = RecordedState(load(flown))
     assert shown(state, -1e9)["at"] == 0.0

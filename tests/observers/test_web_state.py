@@ -288,6 +288,35 @@ def test_a_victim_has_its_time_from_the_start_of_the_search_and_loses_its_mark()
     assert not shown(state)["search"]["victims"][0]["marked"]
 
 
+def test_a_place_has_a_qr_code_once_the_search_is_over() -> None:
+    state = State("search", "estimate", known=False)
+    state.update([TakeOffPoint(1.0, *HOME), PlaceFound(3.0, 7, 5.0, 1.0, None, True)])
+    assert shown(state)["search"]["victims"][0]["qr"] is None
+    state.end("stopped")
+    assert shown(state)["search"]["victims"][0]["qr"].startswith("data:image/svg+xml")
+
+
+def heartbeat(mode: int) -> Any:
+    return dialect.MAVLink_heartbeat_message(2, 3, 1, mode, 4, 3)  # of an ArduCopter
+
+
+def test_two_vehicles_with_one_id_on_two_links_have_a_health_each() -> None:
+    state = State("run", "")
+    state.update([packets(1.0, heartbeat(mode), link=name) for name, mode in (("a", 4), ("b", 9))])
+    every = [VehicleStatus(name, "quadrotor 1/1", {}, [], (), (name, 1)) for name in ("a", "b")]
+    state.update([StatusReport(1.0, every)])
+    modes = [vehicle["checks"][0][2] for vehicle in shown(state)["vehicles"]]
+    assert modes == ["GUIDED, disarmed", "LAND, disarmed"]
+
+
+def test_the_vehicle_of_a_search_has_its_health() -> None:
+    state = State("search", "estimate", known=False)
+    state.update([VehicleFound(1.0, "vehicle", "quadrotor 1/1", 2, False)])
+    state.update([packets(1.0, heartbeat(4), link="vehicle"), FrameHeard(6.0, Frame(1, 1, ()), None, None)])
+    checks = {name: (level, value) for level, name, value, _ in shown(state)["vehicles"][0]["checks"]}
+    assert checks == {"mode": ("good", "GUIDED, disarmed"), "link": ("bad", "5.0 s ago")}
+
+
 def test_the_end_of_a_run_says_whether_it_failed() -> None:
     state = State("run", "")
     state.end("no frame", failed=True)

@@ -54,8 +54,8 @@ class Health:
 
     def vehicles(self, now: float = 0.0) -> list[dict[str, Any]]:
         """Return the vehicles, each with its streams, counters, receivers and checks at time `now`."""
-        if self._report is None:
-            return [self._bare(name) for name in self._labels]
+        if self._report is None:  # of a search: each vehicle has its packets under its own name
+            return [{**self._bare(name), "checks": self._vitals.checks_of_link(name, now)} for name in self._labels]
         every = self._report.vehicles
         return [{**self._vehicle(one), "checks": self._vitals.checks(one.source, now)} for one in every]
 

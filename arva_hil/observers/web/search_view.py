@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, Final, NamedTuple
 
@@ -106,27 +107,32 @@ class SearchView:
         took_s = self._since_begun(found.time_s)
         return [_Victim(found.transmitter, found.north_m, found.east_m, took_s, found.sure, False, None)]
 
-    def _shown_victim(self, victim: _Victim, north: float, east: float) -> dict[str, Any]:
-        """Return a victim for the page. `north`, `east`: of the take-off point in the map."""
+    def _shown_victim(self, victim: _Victim, north: float, east: float, *, over: bool) -> dict[str, Any]:
+        """Return a victim for the page; with a QR code if the search is over.
+
+        `north`, `east`: of the take-off point in the map.
+        """
         place = [_rounded(victim.north_m + north), _rounded(victim.east_m + east)]
         lat_lon = self._places.lat_lon(victim.north_m + north, victim.east_m + east)
         return {
             "id": victim.id,
             "place": place,
             "lat_lon": lat_lon and [round(degrees, 8) for degrees in lat_lon],
+            "qr": _qr_code(*lat_lon) if over and lat_lon else None,
             "took_s": None if victim.took_s is None else round(victim.took_s, 1),
             "sure": victim.sure,
             "marked": victim.marked,
             "left": victim.left,
         }
 
-    def document(self, now: float = 0.0) -> dict[str, Any] | None:
-        """Return the search for the page at a time; places as [north, east, …]."""
+    def document(self, now: float = 0.0, *, over: bool = False) -> dict[str, Any] | None:
+        """Return the search for the page at a time; places as [north, east, …]. `over`: the run has ended."""
         if not self._seen:
             return None
         north, east, _ = self._places.offset(SEARCH + self._vehicle)
         begun = self._begun or searches.SearchBegun(0.0, 0.0)
         took_s = None if self._ended else self._since_begun(now)
+        over = over or bool(self._ended)
         made: dict[str, Any] = {
             "vehicle": one_line(self._vehicle),
             "phase": self._phase,
@@ -139,7 +145,7 @@ class SearchView:
             "area": begun.area and [_rounded(a + b) for a, b in zip(begun.area, (north, east) * 2, strict=True)],
             "strip_m": begun.strip_m,
             "left_s": None if begun.limit_s is None or took_s is None else round(max(0.0, begun.limit_s - took_s)),
-            "victims": [self._shown_victim(one, north, east) for one in self._places_found()],
+            "victims": [self._shown_victim(one, north, east, over=over) for one in self._places_found()],
             "hypotheses": [],
             "mean": None,
             "covariance": None,
@@ -169,6 +175,14 @@ class SearchView:
                 "sure": found.sure,
             }
         return made
+
+
+@functools.lru_cache(_MOST_VICTIMS)
+def _qr_code(lat: float, lon: float) -> str:
+    """Return the data URI of a picture that opens a place in a phone's map."""
+    import segno  # slow to import
+
+    return segno.make_qr(f"geo:{lat:.7f},{lon:.7f}").svg_data_uri(border=4, light="white", omitsize=True)
 
 
 def _rounded(metres: float) -> float:

@@ -246,7 +246,7 @@ class State:
                 f'"points":[{",".join(points)}]}}'
             )
         said = self._events.whole() if events is None else events
-        searches = {name: one.document(self._time_s) for name, one in self._searches.items()}
+        searches = {name: one.document(self._time_s, over=bool(self._ended)) for name, one in self._searches.items()}
         head = {
             **self._about,
             **self.head,

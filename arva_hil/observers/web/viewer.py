@@ -12,11 +12,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.events import DatumSet, Event, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events import DatumSet, Event, PacketsReceived, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.event_json import event_of
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, VictimNoted, WaitingFor
 from arva_hil.events.words.text import Level, Notice
+from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.background import Source
@@ -24,8 +26,11 @@ from arva_hil.observers.web.health import Health
 from arva_hil.observers.web.places import Places
 from arva_hil.observers.web.search_view import PHASES, SearchView
 from arva_hil.observers.web.state import Key, State
+from arva_hil.observers.web.vitals import USED
 from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
+from arva_hil.records.reading.lines import RecordingError
 from arva_hil.records.reading.receivers import NO_ID
+from arva_hil.records.reading.streams import packets
 from arva_hil.records.reading.values import mapping, number, text
 
 _THINNED: Final = 3000  # readings that represent all
@@ -56,6 +61,7 @@ class RecordedState(State):
         self._notices: dict[int, Notice] = {}  # of events, by their identity
         self._news = sorted(self._recorded_events(), key=lambda event: event.time_s)
         self._told = 0  # of those
+        self._packets = [_Packets(recording, name) for name in dict.fromkeys(r.vehicle for r in recording.receivers)]
         self._status = sorted(((number(s.get("time_s")) or 0.0, i) for i, s in enumerate(recording.status)))
         self._place(-math.inf)
         self._columns: dict[Key, _ReadingTexts | _StepTexts] = {}
@@ -79,7 +85,8 @@ class RecordedState(State):
         self._shown_s = time_s
         self._place(time_s)
         now = bisect.bisect_right(self._news, time_s, key=lambda event: event.time_s)
-        self.update([*self._news[self._told : now], *self._report(time_s)])
+        packets = [one.until(time_s) for one in self._packets]
+        self.update([*self._news[self._told : now], *packets, *self._report(time_s)])
         self._told = now
         for key, column in self._columns.items():
             self.put(key, *column.until(time_s))
@@ -178,9 +185,38 @@ class RecordedState(State):
                 frames, dropped = (int(number(counts.get(name, {}).get(what)) or 0) for what in ("frames", "dropped"))
                 every.append(ReceiverStatus(name, None, frames, dropped, there))
             rates = {text(key): number(hz) or 0.0 for key, hz in mapping(one.get("rates")).items()}
-            vehicles.append(VehicleStatus(vehicle or ONE[0], text(one.get("label")), rates, every))
+            source = next((packets.source for packets in self._packets if packets.vehicle == vehicle), None)
+            vehicles.append(VehicleStatus(vehicle or ONE[0], text(one.get("label")), rates, every, (), source))
         if vehicles:
             yield StatusReport(time_s, vehicles)
+
+
+class _Packets:
+    """The newest packets of a vehicle at any time, from the record's log."""
+
+    def __init__(self, recording: Recording, vehicle: str) -> None:
+        self.vehicle = vehicle
+        self.source: tuple[str, int] | None = None
+        self._times: list[float] = []
+        self._by_kind: dict[int, tuple[list[float], list[Packet]]] = {kind: ([], []) for kind in USED}
+        reader = PacketReader()
+        with contextlib.suppress(RecordingError):  # of a log that cannot be read
+            for time_s, kind, raw in packets(recording, vehicle):
+                self._times.append(time_s)
+                for packet in reader.feed(raw, time_s) if kind in USED else ():
+                    self.source = vehicle, packet.system
+                    times, every = self._by_kind[kind]
+                    times.append(time_s)
+                    every.append(packet)
+
+    def until(self, time_s: float) -> PacketsReceived:
+        """Return the newest packet of each kind, with the time of the newest packet of all."""
+        newest = list[Packet]()
+        for times, every in self._by_kind.values():
+            at = bisect.bisect_right(times, time_s)
+            newest += every[max(0, at - 1) : at]
+        at = bisect.bisect_right(self._times, time_s)
+        return PacketsReceived(self._times[at - 1] if at else 0.0, self.vehicle, newest)
 
 
 class _ReadingTexts:

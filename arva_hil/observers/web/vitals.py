@@ -12,7 +12,7 @@ from arva_hil.events import PacketsReceived
 from arva_hil.mavlink.codec import decode, dialect
 from arva_hil.mavlink.packet import Packet
 
-_USED: Final = (
+USED: Final = (
     dialect.MAVLINK_MSG_ID_HEARTBEAT,
     dialect.MAVLINK_MSG_ID_SYS_STATUS,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
@@ -55,13 +55,17 @@ class Vitals:
                 if packet.component == _AUTOPILOT and not packet.refused:
                     source = event.link, packet.system
                     self._heard_s[source] = time_s
-                    if packet.msgid in _USED:
+                    if packet.msgid in USED:
                         self._newest.setdefault(source, {})[packet.msgid] = packet
 
     def forget(self) -> None:
         """Forget all vehicles."""
         self._heard_s.clear()
         self._newest.clear()
+
+    def checks_of_link(self, link: str, now: float) -> list[Check]:
+        """Return the lines of the only vehicle on a link."""
+        return self.checks(next((source for source in self._heard_s if source[0] == link), None), now)
 
     def checks(self, source: Source | None, now: float) -> list[Check]:
         """Return the lines of a vehicle; none for values that it does not report."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,17 +41,26 @@ class RecordedStream:
 
 
 def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
-    """Return the messages of a vehicle, the most frequent first; those of its whole log if its ids are unknown.
+    """Return the messages of a vehicle, the most frequent first. Raises RecordingError: see `packets`."""
+    counts: Counter[tuple[int, int]] = Counter()  # by message id and second
+    for time_s, message, _ in packets(recording, vehicle):
+        counts[message, math.floor(time_s)] += 1
+        if len(counts) > _MOST:
+            raise RecordingError(recording.folder, "the times of its packets are too far apart to be right")
+    return _streams(counts)
 
-    Empty without a log. Raises RecordingError for one that cannot be read.
+
+def packets(recording: Recording, vehicle: str = "") -> Iterator[tuple[float, int, bytes]]:
+    """Yield the packets of a vehicle: time from the start of the run [s], message id, bytes.
+
+    If its ids are unknown, yield all packets of its log. Raises RecordingError if the log cannot be read.
     """
     said = recording.run.vehicle(vehicle) if recording.run else {}
     known = mapping(said.get("vehicle"))
     ids = known.get("system"), known.get("component")
     path = recording.folder / Path(text(said.get("tlog")) or TLOG).name
     if not path.exists():
-        return []
-    counts: Counter[tuple[int, int]] = Counter()  # by message id and second
+        return
     try:
         with closing(TlogReader(path)) as log:
             start_us = None if recording.log_start_s is None else recording.log_start_s * 1e6
@@ -58,12 +68,9 @@ def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
                 system, component, message = _head(raw)
                 if None in ids or (system, component) == ids:
                     start_us = time_us if start_us is None else start_us
-                    counts[message, math.floor((time_us - start_us) / 1e6)] += 1
-                    if len(counts) > _MOST:
-                        raise RecordingError(path, "its times are too far apart to be right")
+                    yield (time_us - start_us) / 1e6, message, raw
     except LinkError as error:
         raise RecordingError(path, str(error)) from None
-    return _streams(counts)
 
 
 def _head(raw: bytes) -> tuple[int, int, int]:

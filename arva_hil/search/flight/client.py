@@ -13,7 +13,7 @@ from arva_hil.autopilot.commanding.commander import Commander, Phase
 from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import Clock
-from arva_hil.events import Event
+from arva_hil.events import Event, PacketsReceived
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import Launched, OwnMarkHeard, SearchHeldUp, SearchInterrupted
 from arva_hil.links import Link, LinkError, Sender
@@ -49,7 +49,8 @@ class SearchClient:
 
     `permission`: to arm this vehicle; None if all vehicles are simulated. `emit` gets the events, `log` five rows a
     second. `team`: the other searches, if there are several; `tunnel`: to them, if they are other programs. `host`: the
-    form of commands to the receiver, if it takes any. `worker`: computes; None: in this loop.
+    form of commands to the receiver, if it takes any. `worker`: computes; None: in this loop. `tell_packets`: emit the
+    vehicle's packets too.
     `outcome`: None until the end, when the vehicle has landed or is left hovering.
     """
 
@@ -69,6 +70,7 @@ class SearchClient:
         tunnel: TeamTunnel | None = None,
         host: HostForm | None = None,
         worker: Worker | None = None,
+        tell_packets: bool = False,
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
@@ -94,6 +96,7 @@ class SearchClient:
         self._next_step = self._now_s = start
         self._plan = plan
         self._stopping = False
+        self._tell_packets = tell_packets
 
     @property
     def links(self) -> Sequence[Link]:
@@ -147,6 +150,8 @@ class SearchClient:
             self._preflight.watch_link(now)
         received = self._session.feed(chunk, now, sender)
         self._events += received.events
+        if self._tell_packets:
+            self._events.append(PacketsReceived(now, self._session.name, received.own))
         for packet in (*received.others, *received.refused):
             if packet.msgid == _MARK and packet.component == COMPONENT and self._is_vehicle(packet):
                 self._events.append(OwnMarkHeard(now))

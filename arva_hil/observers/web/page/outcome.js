@@ -49,7 +49,8 @@ function foundRow(one, i) {
   if (one.lat_lon) {
     const words = one.lat_lon.map((degrees) => degrees.toFixed(7)).join(", "), place = el("code", {}, words), button = el("button", { type: "button", "aria-label": `Copy ${words}` }, "Copy");
     button.addEventListener("click", async () => { await copy(words, place); button.textContent = "Copied"; });
-    row.append(place, button, el("a", { href: `geo:${words.replace(" ", "")}` }, "Open"));
+    row.append(place, button, el("a", { href: `geo:${words.replace(" ", "")}` }, "Open"),
+      el("button", { type: "button", popovertarget: `qr-${i}` }, "QR code"), el("img", { id: `qr-${i}`, popover: "", src: one.qr, alt: `QR code of ${words}` }));
   }
   return row;
 }
