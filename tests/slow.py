@@ -133,7 +133,6 @@ SLOW: Final = {
     "pages/test_command_lines.py": PROCESS,
     "pages/test_examples.py": PROCESS,
     "pages/test_tutorial.py": REAL_TIME,
-    "records/ros_messages/test_cdr.py::test_whatever_a_message_holds_another_reader_reads": EXAMPLES,
     "records/test_comparing.py": FLIGHTS,
     "records/test_exports.py::test_memory_follows_the_file_and_slots_that_are_not_there_cost_nothing": EXAMPLES,
     "records/test_fitting.py": FLIGHTS,

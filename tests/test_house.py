@@ -51,9 +51,7 @@ def test_no_two_rooms_import_each_other_and_no_modules_do_in_a_circle() -> None:
 
 
 def test_no_two_classes_have_one_name() -> None:
-    named = [  # ROS gives a message type its name
-        (node.name, at) for at, node in _nodes() if isinstance(node, ast.ClassDef) and "ros_messages" not in at
-    ]
+    named = [(node.name, at) for at, node in _nodes() if isinstance(node, ast.ClassDef)]
     times = Counter(name for name, _ in named)
     assert [(name, at) for name, at in named if times[name] > 1] == []
 

@@ -24,7 +24,7 @@ OF_OTHERS = {  # a room → the only packages it may import that are neither our
     "arva_hil/model/field": {"numpy"},
     "arva_hil/model/receiver": {"annotated_types", "numpy"},
     "arva_hil/links": {"can", "dronecan", "serial"},
-    "arva_hil/records/ros_messages": {"numpy"},
+    "arva_hil/records/ros_messages": {"numpy", "rosbags"},
     "arva_hil/config": {"yaml"},
 }
 

@@ -106,7 +106,11 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
     observers: list[Observer] = []
     if not options.foxglove and not options.ros2:
         return observers
-    from arva_hil.records.ros_messages.live import LiveMessages  # slow to import, as are those below
+    from arva_hil.cli.recorded import needing  # slow to import, as are those below
+
+    extra = "foxglove" if options.foxglove else "ros2"
+    with needing(extra, f"--{extra}"):
+        from arva_hil.records.ros_messages.live import LiveMessages
 
     def messages() -> LiveMessages:
         return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy"))

@@ -12,9 +12,8 @@ from typing import Any, Final
 from arva_hil.errors import ArvaError
 from arva_hil.events import Event
 from arva_hil.observers.web.address import HostPort
-from arva_hil.records.ros_messages.cdr import encode
 from arva_hil.records.ros_messages.live import LiveMessages
-from arva_hil.records.ros_messages.message import Message, schema
+from arva_hil.records.ros_messages.types import Message, encode, schema
 
 INSTALL: Final = "pip install 'arva-hil[foxglove]'"
 _NEXT: Final = 20  # ports that are tried
@@ -58,7 +57,7 @@ class FoxgloveServer:
         goodbye.join(_GOODBYE_S)
 
     def _channel(self, topic: str, kind: type[Message]) -> Any:
-        described = self._foxglove.Schema(name=kind.ros_name(), encoding="ros2msg", data=schema(kind).encode())
+        described = self._foxglove.Schema(name=kind.__msgtype__, encoding="ros2msg", data=schema(kind).encode())
         return self._foxglove.Channel(topic, schema=described, message_encoding="cdr", context=self._context)
 
     def _start(self, address: HostPort) -> Any:

@@ -13,10 +13,8 @@ from typing import Any, Final
 
 from arva_hil.errors import ArvaError
 from arva_hil.events import BytesSent, Event, PacketsReceived
-from arva_hil.records.ros_messages.cdr import encode
 from arva_hil.records.ros_messages.live import LiveMessages
-from arva_hil.records.ros_messages.message import Message
-from arva_hil.records.ros_messages.types import PUBLISHED
+from arva_hil.records.ros_messages.types import PUBLISHED, Message, encode
 from arva_hil.runtime.worker_thread import WorkerThread
 
 _NODE: Final = "arva_hil"
@@ -96,8 +94,9 @@ def _kinds() -> tuple[Mapping[type[Message], Any], list[str]]:
     kinds: dict[type[Message], Any] = {}
     missing = []
     for cls in PUBLISHED:
+        package, _, name = cls.__msgtype__.split("/")
         try:
-            kinds[cls] = getattr(importlib.import_module(f"{cls.package}.msg"), cls.__name__)
+            kinds[cls] = getattr(importlib.import_module(f"{package}.msg"), name)
         except (ImportError, AttributeError):
-            missing.append(cls.package)
+            missing.append(package)
     return kinds, missing

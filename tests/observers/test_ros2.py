@@ -68,9 +68,10 @@ def rclpy(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rclpy]:
         "rclpy.signals": types.SimpleNamespace(SignalHandlerOptions=types.SimpleNamespace(NO="none")),
     }
     for cls in PUBLISHED:
-        module = modules.setdefault(f"{cls.package}.msg", types.SimpleNamespace())
-        setattr(module, cls.__name__, type(cls.__name__, (), {}))
-        monkeypatch.setitem(sys.modules, cls.package, types.ModuleType(cls.package))
+        package, _, name = cls.__msgtype__.split("/")
+        module = modules.setdefault(f"{package}.msg", types.SimpleNamespace())
+        setattr(module, name, type(name, (), {}))
+        monkeypatch.setitem(sys.modules, package, types.ModuleType(package))
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
@@ -137,7 +138,7 @@ def test_without_rclpy_it_is_said_what_to_source(monkeypatch: pytest.MonkeyPatch
 
 def test_without_any_package_of_messages_nothing_is_published(rclpy: Rclpy, monkeypatch: pytest.MonkeyPatch) -> None:
     for cls in PUBLISHED:
-        monkeypatch.setitem(sys.modules, f"{cls.package}.msg", None)
+        monkeypatch.setitem(sys.modules, f"{cls.__msgtype__.partition('/')[0]}.msg", None)
     with pytest.raises(Ros2Error, match="needs the packages arva_msgs, geometry_msgs"):
         publisher()
 

@@ -18,7 +18,7 @@ TOPICS = LiveMessages(DEFAULT, 0, searches=True).topics
 def test_the_page_has_every_topic_with_its_message() -> None:
     text = (ROOT / "docs/reference/messages.md").read_text()
     listed = dict(re.findall(r"^\| `(/[a-z_/]+)` \| `(\w+/msg/\w+)` \|", text, re.MULTILINE))
-    assert listed == {topic: kind.ros_name() for topic, kind in TOPICS.items()}
+    assert listed == {topic: kind.__msgtype__ for topic, kind in TOPICS.items()}
 
 
 def test_the_view_of_rviz_shows_topics_that_are_there() -> None:

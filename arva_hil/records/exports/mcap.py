@@ -10,9 +10,8 @@ from mcap.writer import Writer
 
 from arva_hil import __version__
 from arva_hil.records.reading import Recording
-from arva_hil.records.ros_messages.cdr import encode
-from arva_hil.records.ros_messages.message import Message, schema
 from arva_hil.records.ros_messages.recorded import messages_of
+from arva_hil.records.ros_messages.types import Message, encode, schema
 
 _PROFILE: Final = "ros2"
 
@@ -42,7 +41,7 @@ def write(recording: Recording, out: BinaryIO) -> None:
     for number, (topic, stamp_ns, message) in enumerate(messages_of(recording)):
         kind = type(message)
         if kind not in schemas:
-            schemas[kind] = writer.register_schema(kind.ros_name(), "ros2msg", schema(kind).encode())
+            schemas[kind] = writer.register_schema(kind.__msgtype__, "ros2msg", schema(kind).encode())
         if topic not in channels:
             channels[topic] = writer.register_channel(topic, "cdr", schemas[kind])
         writer.add_message(channels[topic], stamp_ns, encode(message), stamp_ns, sequence=number)

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from arva_hil.config import Scenario
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, SearchEvent
-from arva_hil.records.ros_messages.message import Message
 from arva_hil.records.ros_messages.readings import RunMessages
 from arva_hil.records.ros_messages.searches import TOPICS, SearchMessages
-from arva_hil.records.ros_messages.types import Publication
+from arva_hil.records.ros_messages.types import Message, Publication
 
 
 class LiveMessages:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from arva_hil.config import Lla, Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.setup import receivers_of
@@ -19,7 +21,6 @@ from arva_hil.model.receiver import Pose
 from arva_hil.model.receiver.reading import ChannelReading
 from arva_hil.records.ros_messages import frames, markers
 from arva_hil.records.ros_messages import types as ros
-from arva_hil.records.ros_messages.message import Message
 from arva_hil.records.ros_messages.names import DIAGNOSTICS, MAP, TF, names_of
 from arva_hil.records.ros_messages.types import (
     DiagnosticArray,
@@ -37,7 +38,7 @@ _NOWHERE: Final = ros.Vector3(0.0, 0.0, 0.0)
 _SHAPES_S: Final = 0.2  # shortest time between two drawings of the shapes
 _STATUS_S: Final = 1.0
 _FIX: Final = ros.NavSatStatus(0, 1)  # a fix, of GPS
-_UNKNOWN: Final = (0.0,) * 9
+_UNKNOWN: Final = np.zeros(9)
 
 
 class Taken(NamedTuple):
@@ -142,9 +143,9 @@ class RunMessages:
         return made
 
     @property
-    def topics(self) -> dict[str, type[Message]]:
+    def topics(self) -> dict[str, type[ros.Message]]:
         """All possible topics, with their message types."""
-        topics: dict[str, type[Message]] = {TF: ros.TFMessage, DIAGNOSTICS: ros.DiagnosticArray}
+        topics: dict[str, type[ros.Message]] = {TF: ros.TFMessage, DIAGNOSTICS: ros.DiagnosticArray}
         for names in self._names.values():
             topics |= {names.arva: ros.Arva, names.pose: ros.PoseStamped, names.fix: ros.NavSatFix}
             topics |= {names.reported_pose: ros.PoseStamped, names.visualization: ros.MarkerArray}
@@ -216,7 +217,7 @@ def _of_vehicle(vehicle: VehicleStatus) -> DiagnosticStatus:
     level, message = (_OK, "received") if vehicle.label else (_WARNING, "no autopilot is received")
     values = [KeyValue(f"{one_line(stream)} [Hz]", f"{rate:.1f}") for stream, rate in vehicle.rates.items()]
     values += [KeyValue(one_line(name), str(count)) for name, count in vehicle.counters]
-    return DiagnosticStatus(level, f"{_PROGRAM}: {vehicle.name}", message, one_line(vehicle.label), values)
+    return DiagnosticStatus(level, one_line(f"{_PROGRAM}: {vehicle.name}"), message, one_line(vehicle.label), values)
 
 
 def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> DiagnosticStatus:
@@ -234,5 +235,5 @@ def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> DiagnosticStatus:
             level, message = _WARNING, f"{heard} received, a fault is active"
         if last.pose is None:
             level, message = _WARNING, "no pose"
-    name = f"{_PROGRAM}: {vehicle}/{receiver.name}"
+    name = one_line(f"{_PROGRAM}: {vehicle}/{receiver.name}")
     return DiagnosticStatus(level, name, message, "", [KeyValue(*value) for value in values.items()])

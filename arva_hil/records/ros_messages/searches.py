@@ -9,12 +9,13 @@ import math
 from collections.abc import Mapping
 from typing import Final
 
+import numpy as np
+
 from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, PlaceFound, TakeOffPoint
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.ros_messages import frames, markers
 from arva_hil.records.ros_messages import types as ros
-from arva_hil.records.ros_messages.message import Message
 from arva_hil.records.ros_messages.names import MAP, TF
 from arva_hil.records.ros_messages.types import Publication, header, stamp_of
 from firmware_proto import MID, Channel
@@ -26,7 +27,7 @@ POSE: Final = "/search/pose"
 FIX: Final = "/search/fix"
 FOUND: Final = "/search/found"
 VISUALIZATION: Final = "/search/visualization"
-TOPICS: Final[Mapping[str, type[Message]]] = {
+TOPICS: Final[Mapping[str, type[ros.Message]]] = {
     TF: ros.TFMessage,
     ARVA: ros.Arva,
     POSE: ros.PoseStamped,
@@ -128,7 +129,7 @@ class SearchMessages:
         assert self._origin is not None
         lat, lon, alt = map(float, self._origin.lla(place))
         nn, ne, ee = covariance or (0.0, 0.0, 0.0)
-        known = (ee, ne, 0.0, ne, nn, 0.0, 0.0, 0.0, _HEIGHT_VARIANCE if covariance else 0.0)
+        known = np.array([ee, ne, 0.0, ne, nn, 0.0, 0.0, 0.0, _HEIGHT_VARIANCE if covariance else 0.0])
         return ros.NavSatFix(of, ros.NavSatStatus(0, 1), lat, lon, alt, known, 3 if covariance else 0)
 
 

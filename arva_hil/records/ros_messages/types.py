@@ -1,4 +1,4 @@
-"""The message types: those of ROS 2 Jazzy, and the receiver's own; publications of messages.
+"""The message types: those of ROS 2 Jazzy by rosbags, and the receiver's own; their bytes; publications of messages.
 
 `Arva` is the message of the paper's simulator (`arva_sim/arva`), with δ and the zone of each slot in addition.
 """
@@ -6,182 +6,44 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
-from arva_hil.records.ros_messages.message import (
-    Bool,
-    Byte,
-    Bytes,
-    Covariance,
-    Float32,
-    Float64,
-    Int8,
-    Int32,
-    Message,
-    Text,
-    UInt8,
-    UInt16,
-    UInt32,
-)
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.stores import ros2_jazzy as jazzy
 
-
-class Time(Message, package="builtin_interfaces"):
-    """Since 1970."""
-
-    sec: Int32
-    nanosec: UInt32
-
-
-class Duration(Message, package="builtin_interfaces"):
-    sec: Int32
-    nanosec: UInt32
-
-
-class Header(Message, package="std_msgs"):
-    stamp: Time
-    frame_id: Text
+Time = jazzy.builtin_interfaces__msg__Time
+Duration = jazzy.builtin_interfaces__msg__Duration
+Header = jazzy.std_msgs__msg__Header
+ColorRGBA = jazzy.std_msgs__msg__ColorRGBA
+Point = jazzy.geometry_msgs__msg__Point
+Vector3 = jazzy.geometry_msgs__msg__Vector3
+Quaternion = jazzy.geometry_msgs__msg__Quaternion
+Pose = jazzy.geometry_msgs__msg__Pose
+PoseStamped = jazzy.geometry_msgs__msg__PoseStamped
+Transform = jazzy.geometry_msgs__msg__Transform
+TransformStamped = jazzy.geometry_msgs__msg__TransformStamped
+TFMessage = jazzy.tf2_msgs__msg__TFMessage
+NavSatFix = jazzy.sensor_msgs__msg__NavSatFix
+CompressedImage = jazzy.sensor_msgs__msg__CompressedImage
+MeshFile = jazzy.visualization_msgs__msg__MeshFile
+Marker = jazzy.visualization_msgs__msg__Marker
+# rosbags declares the two with the parts of another release
+NavSatStatus: Final[Any] = jazzy.sensor_msgs__msg__NavSatStatus
+MarkerArray: Final[Any] = jazzy.visualization_msgs__msg__MarkerArray
+KeyValue = jazzy.diagnostic_msgs__msg__KeyValue
+DiagnosticStatus = jazzy.diagnostic_msgs__msg__DiagnosticStatus
+DiagnosticArray = jazzy.diagnostic_msgs__msg__DiagnosticArray
 
 
-class ColorRGBA(Message, package="std_msgs"):
-    """0 to 1 each."""
+class Message(Protocol):
+    """A message. `__msgtype__`: its name, e.g. `geometry_msgs/msg/Point`."""
 
-    r: Float32
-    g: Float32
-    b: Float32
-    a: Float32
+    __msgtype__: ClassVar[str]
 
 
-class Point(Message, package="geometry_msgs"):
-    x: Float64
-    y: Float64
-    z: Float64
-
-
-class Vector3(Message, package="geometry_msgs"):
-    x: Float64
-    y: Float64
-    z: Float64
-
-
-class Quaternion(Message, package="geometry_msgs"):
-    x: Float64
-    y: Float64
-    z: Float64
-    w: Float64
-
-
-class Pose(Message, package="geometry_msgs"):
-    position: Point
-    orientation: Quaternion
-
-
-class PoseStamped(Message, package="geometry_msgs"):
-    header: Header
-    pose: Pose
-
-
-class Transform(Message, package="geometry_msgs"):
-    translation: Vector3
-    rotation: Quaternion
-
-
-class TransformStamped(Message, package="geometry_msgs"):
-    header: Header
-    child_frame_id: Text
-    transform: Transform
-
-
-class TFMessage(Message, package="tf2_msgs"):
-    transforms: Sequence[TransformStamped]
-
-
-class NavSatStatus(Message, package="sensor_msgs"):
-    status: Int8
-    service: UInt16
-
-
-class NavSatFix(Message, package="sensor_msgs"):
-    """Degrees; metres above mean sea level as in MAVLink, although ROS defines them above the ellipsoid."""
-
-    header: Header
-    status: NavSatStatus
-    latitude: Float64
-    longitude: Float64
-    altitude: Float64
-    position_covariance: Covariance
-    position_covariance_type: UInt8
-
-
-class CompressedImage(Message, package="sensor_msgs"):
-    header: Header
-    format: Text
-    data: Bytes
-
-
-class UVCoordinate(Message, package="visualization_msgs"):
-    u: Float32
-    v: Float32
-
-
-class MeshFile(Message, package="visualization_msgs"):
-    filename: Text
-    data: Bytes
-
-
-ORIGIN: Final = Point(0.0, 0.0, 0.0)
-UNTURNED: Final = Quaternion(0.0, 0.0, 0.0, 1.0)
-AT_ONCE: Final = Time(0, 0)
-
-
-class Marker(Message, package="visualization_msgs"):
-    """A shape in a 3D view. `action`: 0 draws it, 2 deletes it. `lifetime` 0: for ever."""
-
-    header: Header
-    ns: Text
-    id: Int32
-    type: Int32
-    action: Int32
-    pose: Pose
-    scale: Vector3
-    color: ColorRGBA
-    lifetime: Duration = Duration(0, 0)
-    frame_locked: Bool = False
-    points: Sequence[Point] = ()
-    colors: Sequence[ColorRGBA] = ()
-    texture_resource: Text = ""
-    texture: CompressedImage = CompressedImage(Header(AT_ONCE, ""), "", b"")
-    uv_coordinates: Sequence[UVCoordinate] = ()
-    text: Text = ""
-    mesh_resource: Text = ""
-    mesh_file: MeshFile = MeshFile("", b"")
-    mesh_use_embedded_materials: Bool = False
-
-
-class MarkerArray(Message, package="visualization_msgs"):
-    markers: Sequence[Marker]
-
-
-class KeyValue(Message, package="diagnostic_msgs"):
-    key: Text
-    value: Text
-
-
-class DiagnosticStatus(Message, package="diagnostic_msgs"):
-    """`level`: 0 good, 1 a warning, 2 an error, 3 stale."""
-
-    level: Byte
-    name: Text
-    message: Text
-    hardware_id: Text
-    values: Sequence[KeyValue]
-
-
-class DiagnosticArray(Message, package="diagnostic_msgs"):
-    header: Header
-    status: Sequence[DiagnosticStatus]
-
-
-class ArvaData(Message, package="arva_msgs"):
+@dataclass
+class ArvaData:
     """One slot.
 
     - `id`: −1 for an empty slot, whose values are the receiver's no-signal values, mostly −1; −2 if the frames carry no
@@ -193,22 +55,44 @@ class ArvaData(Message, package="arva_msgs"):
     - `zone`: 0 outer, 1 mid, 2 inner.
     """
 
-    id: Int32
-    distance: Float32
+    id: int
+    distance: float
     direction: Vector3
-    delta: Int32
-    zone: UInt8
+    delta: int
+    zone: int
+    __msgtype__: ClassVar[str] = "arva_msgs/msg/ArvaData"
 
 
-class Arva(Message, package="arva_msgs"):
+@dataclass
+class Arva:
     """One reading: all slots of the receiver, the nearest transmitter first. `header`: with the receiver's frame."""
 
     header: Header
     arva_signals: Sequence[ArvaData]
+    __msgtype__: ClassVar[str] = "arva_msgs/msg/Arva"
 
 
-PUBLISHED: Final = (Arva, PoseStamped, NavSatFix, MarkerArray, TFMessage, DiagnosticArray)
+_OURS: Final[dict[type[Message], str]] = {  # as in tools/ros2/arva_msgs
+    ArvaData: "int32 id\nfloat32 distance\ngeometry_msgs/Vector3 direction\nint32 delta\nuint8 zone\n",
+    Arva: "std_msgs/Header header\narva_msgs/ArvaData[] arva_signals\n",
+}
+STORE: Final = get_typestore(Stores.ROS2_JAZZY)
+for _cls, _text in _OURS.items():
+    STORE.register(get_types_from_msg(_text, _cls.__msgtype__))
+
+PUBLISHED: Final[tuple[type[Message], ...]] = (Arva, PoseStamped, NavSatFix, MarkerArray, TFMessage, DiagnosticArray)
 """The types of messages that are published."""
+
+
+def encode(message: Message) -> bytes:
+    """Return a message as CDR, little endian. Raises struct.error for a number that its field cannot hold."""
+    return bytes(STORE.serialize_cdr(message, message.__msgtype__, little_endian=True))
+
+
+def schema(cls: type[Message]) -> str:
+    """Return the `ros2msg` text: the message's definition, and that of each message in it."""
+    return STORE.generate_msgdef(cls.__msgtype__, ros_version=2)[0]
+
 
 _SECOND: Final = 1_000_000_000  # ns
 _LATEST: Final = 2**31 * _SECOND  # the end of the times that a message can have

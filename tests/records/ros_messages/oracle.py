@@ -1,28 +1,23 @@
-"""ROS 2's messages as `rosbags` has them: a CDR reader, and the definitions of ROS 2 Jazzy, that others wrote."""
+"""A reader of ROS 2's messages that others wrote: mcap_ros2's, with our schemas."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import struct
 from typing import Any
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
 
-from arva_hil.records.ros_messages.message import Message, schema
-from arva_hil.records.ros_messages.types import PUBLISHED
-
-JAZZY = get_typestore(Stores.ROS2_JAZZY)
-OURS = get_typestore(Stores.EMPTY)
-"""Made of our schemas alone."""
-
-for published in PUBLISHED:
-    OURS.register(get_types_from_msg(schema(published), published.ros_name()))
+from arva_hil.records.ros_messages.types import PUBLISHED, schema
 
 
 def read(data: bytes, name: str) -> Any:
     """The message of these bytes, as numbers, texts, lists and dictionaries."""
-    return plain(OURS.deserialize_cdr(data, name))
+    (cls,) = [published for published in PUBLISHED if published.__msgtype__ == name]
+    decode = DecoderFactory().decoder_for("cdr", Schema(1, schema(cls).encode(), "ros2msg", name))
+    assert decode is not None
+    return plain(decode(data))
 
 
 def plain(value: Any) -> Any:
@@ -30,6 +25,8 @@ def plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         names = [field.name for field in dataclasses.fields(value) if field.name != "__msgtype__"]
         return {name: plain(getattr(value, name)) for name in names}
+    if hasattr(value, "__slots__"):
+        return {name: plain(getattr(value, name)) for name in value.__slots__}
     if isinstance(value, bytes):
         return list(value)
     if hasattr(value, "tolist"):
@@ -37,20 +34,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(one) for one in value]
     return "NaN" if isinstance(value, float) and math.isnan(value) else value
-
-
-def float32(value: float) -> float:
-    """As a float of four bytes holds it."""
-    (narrow,) = struct.unpack("<f", struct.pack("<f", value))
-    return float(narrow)
-
-
-def messages(cls: type[Message]) -> list[type[Message]]:
-    """The message and all those in it."""
-    from arva_hil.records.ros_messages.message import field_types
-
-    found = [cls]
-    for of in field_types(cls).values():
-        if of.message:
-            found += messages(of.message)
-    return list(dict.fromkeys(found))

@@ -14,10 +14,9 @@ from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.model.field import rotation
 from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
-from arva_hil.records.ros_messages.cdr import encode
 from arva_hil.records.ros_messages.names import names_of
 from arva_hil.records.ros_messages.readings import RunMessages
-from arva_hil.records.ros_messages.types import Publication
+from arva_hil.records.ros_messages.types import Publication, encode
 
 from .oracle import read
 
@@ -43,7 +42,7 @@ def messages(scenario: Scenario = DEFAULT) -> RunMessages:
 
 def by_topic(publications: list[Publication]) -> dict[str, Any]:
     """What a reader makes of them."""
-    return {p.topic: read(encode(p.message), p.message.ros_name()) for p in publications}
+    return {p.topic: read(encode(p.message), p.message.__msgtype__) for p in publications}
 
 
 def test_a_reading_has_all_slots_of_its_instant() -> None:
@@ -165,6 +164,13 @@ def test_the_status_is_told_once_a_second_with_what_is_wrong() -> None:
     assert vehicle["values"] == [{"key": "ATTITUDE [Hz]", "value": "50.0"}, {"key": "bad_crc", "value": "3"}]
     assert (receiver["level"], receiver["message"]) == (1, "no pose")
     assert {"key": "dropped", "value": "2"} in receiver["values"]
+
+
+def test_names_that_a_message_cannot_hold_are_escaped() -> None:
+    status = VehicleStatus("a\0b", "\udcff", {}, [ReceiverStatus("\udcfe", None, 0, 0)])
+    (told,) = by_topic(messages().of_event(StatusReport(0.0, [status]))).values()
+    assert [one["name"] for one in told["status"]] == ["arva-hil: a\\x00b", "arva-hil: a\\x00b/\\udcfe"]
+    assert told["status"][0]["hardware_id"] == "\\udcff"
 
 
 def named(event: FrameMade, vehicle: str, receiver: str) -> FrameMade:
