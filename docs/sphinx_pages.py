@@ -22,7 +22,7 @@ from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
 from arva_hil.config.tables import Table
-from arva_hil.events import searches, teams, vehicles
+from arva_hil.events import searches, vehicles
 from arva_hil.events.event_json import event_name
 from tools import write_reference
 
@@ -56,7 +56,7 @@ MEMBERS: Final = {  # of classes with more for this package alone
 }
 WITHOUT: Final = ("PaperReceiver", "Scenario", "Fault", "Transmitter", "Number", "Whole", "FaultKind")  # members
 PAGES: Final = {"search": "[Search](../howto/search.md) and its [safety](../explanation/safety.md)"}
-EVENTS: Final = {"Run": events, "Vehicle": vehicles, "Search": searches, "Team": teams}
+EVENTS: Final = {"Run": events, "Vehicle": vehicles, "Search": searches}
 _PAGES: Final = {ROOT / text: HERE / f"{page}.md" for page, text in ELSEWHERE.items()}
 _ARRAY: Final = re.compile(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[(\w+)\]\]")
 _LINK: Final = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?(?=\))")

@@ -27,8 +27,7 @@ from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated import HOME
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 
 BUS = "virtual:tunnel"
 P99_MS = 5.0

@@ -41,8 +41,7 @@ from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated import HOME
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 
 HEIGHT_M = 2.0
 SPEED_M_S = 2.0

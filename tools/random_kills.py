@@ -32,8 +32,7 @@ from arva_hil.clock import RealClock
 from arva_hil.links import open_link
 from arva_hil.runtime.loop import run
 from arva_hil.simulated import HOME
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Channel, Frame, encode
 from tests.free_ports import free_port
 

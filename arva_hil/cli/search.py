@@ -39,7 +39,7 @@ from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.loop import run
 from arva_hil.search.flight.client import COMPONENT, SearchClient
-from arva_hil.search.flight.permission import Permission, Question
+from arva_hil.search.flight.preflight import Permission, Question
 from arva_hil.search.mission.outcome import Outcome, SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy_process import StrategyProcess

@@ -23,8 +23,7 @@ from arva_hil.runtime.fleet_links import check_links, shared_links
 from arva_hil.search.flight.client import COMPONENT
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strips import Strips
-from arva_hil.search.team.team import Bus, Teammate
-from arva_hil.search.team.team_field import TeamField, divide
+from arva_hil.search.team.team import Bus, TeamField, Teammate, divide
 from arva_hil.search.team.team_tunnel import MOST_MEMBERS, TeamTunnel
 
 _NARROWEST_M: Final = 4.0  # narrowest part of an area that is worth a drone

@@ -13,8 +13,7 @@ from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.model.field import LocalFrame
 from arva_hil.runtime.loop import Task
 from arva_hil.simulated.arducopter import FAILSAFES
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 
 _APART_M = 5.0
 

@@ -415,3 +415,22 @@ class HeightSource(SearchEvent):
 
     source: HeightOrigin
     margin_m: float = 0.0
+
+
+class TeammateLost(SearchEvent):
+    """Another search of the team was silent for 5 s with its vehicle in the air, or does not know its place.
+
+    `number`: of its vehicle in the scenario, from 1. Until it sends again, this search keeps `apart_m` off its last
+    place, `north_m`, `east_m` of the own take-off point, at every height.
+    """
+
+    number: int
+    north_m: float
+    east_m: float
+    apart_m: float
+
+
+class TeammateBack(SearchEvent):
+    """A lost search of the team sends again, or its vehicle is on the ground. `number`: of its vehicle."""
+
+    number: int

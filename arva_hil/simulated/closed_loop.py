@@ -26,13 +26,11 @@ from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.mission.victims import Victim
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.team.team import Bus
-from arva_hil.search.team.team_field import TeamField
+from arva_hil.search.team.team import Bus, TeamField
 from arva_hil.simulated import HOME
 from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 
 APART_M = 5.0  # between the vehicles of a team at the start, from west to east
 

@@ -23,8 +23,7 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.runtime.loop import run
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import MID, Channel, Decoder, Frame, encode
 
 from .forked import Forked, possible

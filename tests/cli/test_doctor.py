@@ -31,8 +31,7 @@ from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.runtime.loop import Task, run
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Frame, encode
 from tests.free_ports import free_port
 

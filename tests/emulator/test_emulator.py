@@ -25,8 +25,7 @@ from arva_hil.model.field import LocalFrame, Transmitters
 from arva_hil.model.receiver import Antennas
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.loop import run
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Decoder, Frame
 from tests.free_ports import free_port
 from tests.one_receiver import Diary, OneReceiver

@@ -36,8 +36,7 @@ from arva_hil.registry import FAULTS
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
 from arva_hil.runtime.loop import Task, run
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import INTERFERENCE, SELF_TEST_FAULT, Decoder, Frame
 from tests.every import every
 from tests.one_receiver import Diary, OneReceiver

@@ -18,8 +18,7 @@ from arva_hil.links import memory
 from arva_hil.model.receiver import Answer
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.loop import run
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Command, CommandAnswer, Frame, HostForm
 from tests.one_receiver import Diary, OneReceiver
 

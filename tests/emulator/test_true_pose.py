@@ -38,8 +38,7 @@ from arva_hil.runtime.loop import run
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from tests.one_receiver import Diary, OneReceiver
 
 HOME = (46.0123, 7.7456, 1650.0)

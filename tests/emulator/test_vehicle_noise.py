@@ -20,8 +20,7 @@ from arva_hil.mavlink.dialect import EscStatus
 from arva_hil.model.receiver import Look
 from arva_hil.model.receiver.listening import Listening
 from arva_hil.runtime.loop import run
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from tests.model.test_receiver_models import START, Vehicle, source
 from tests.one_receiver import Diary, OneReceiver
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from arva_hil import events
-from arva_hil.events import Event, searches, teams, vehicles
+from arva_hil.events import Event, searches, vehicles
 from arva_hil.events.event_json import NOT_NEWS, event_json, event_name
 from arva_hil.events.reasons import HeardSource, NoPose, NoVehicle, SilentStream, Why, because
 from arva_hil.events.words.reasons import no_pose, no_vehicle
@@ -324,12 +324,12 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "transmitter 4 is left to another search",
     ),
     (
-        teams.TeammateLost(1.0, 3, 4.0, -2.5, 9.0),
+        searches.TeammateLost(1.0, 3, 4.0, -2.5, 9.0),
         "warning",
         "the search of vehicle 3 sends nothing any more: this one stays 9 m from where it was, 4.0 m north, -2.5 m "
         "east of the take-off point",
     ),
-    (teams.TeammateBack(1.0, 3), "info", "the place of vehicle 3 is known again"),
+    (searches.TeammateBack(1.0, 3), "info", "the place of vehicle 3 is known again"),
     (
         searches.TransmitterFaded(1.0, 1),
         "warning",
@@ -432,7 +432,7 @@ def kinds() -> set[type[Event]]:
     """The kinds of events that happen: those without kinds of their own."""
     found = {
         kind
-        for room in (events, vehicles, searches, teams)
+        for room in (events, vehicles, searches)
         for kind in vars(room).values()
         if isinstance(kind, type) and issubclass(kind, Event)
     }

@@ -29,8 +29,7 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.simulated import HOME
 from arva_hil.simulated.autopilot import Mode
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import INNER, MID, Channel, Decoder, Frame, encode
 from tests.simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 

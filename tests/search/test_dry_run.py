@@ -13,7 +13,7 @@ from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import ConsentNeeded, CountDown, DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
-from arva_hil.search.flight.permission import Permission
+from arva_hil.search.flight.preflight import Permission
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.search.test_client import BOTH, VICTIM, Broken, World, ardupilot
 from tests.search.test_permission import Person, truthless

@@ -18,8 +18,7 @@ from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field.rotation import from_angles
 from arva_hil.registry import STRATEGIES
-from arva_hil.search.mission.ground import Ground, Height
-from arva_hil.search.mission.height import HeightKeeper
+from arva_hil.search.mission.ground import Ground, Height, HeightKeeper
 from arva_hil.search.strategies.plan import SearchPlan
 
 DOWN = dialect.MAV_SENSOR_ROTATION_PITCH_270

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from arva_hil.events import Event
 from arva_hil.events.searches import TooLow
-from arva_hil.search.mission.ground import Height
-from arva_hil.search.mission.height import Descent, HeightKeeper
+from arva_hil.search.mission.ground import Descent, Height, HeightKeeper
 from arva_hil.search.mission.height_sensors import Odometry, RangeCheck
 
 PLACE = (5.0, -3.0)

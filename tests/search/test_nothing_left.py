@@ -9,8 +9,7 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
-from arva_hil.search.team.team import Teammate
-from arva_hil.search.team.team_field import TeamField
+from arva_hil.search.team.team import TeamField, Teammate
 from arva_hil.search.team.team_tunnel import News
 from tests.search.test_mission import LEVEL, beacon, frame
 

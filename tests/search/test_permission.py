@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.search.flight.permission import Permission
+from arva_hil.search.flight.preflight import Permission
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.search.test_client import BOTH, HOME, World
 from tests.simulated_px4 import Px4

@@ -6,8 +6,8 @@ import pytest
 
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import memory
-from arva_hil.search.flight.links import ReceiverLink
-from arva_hil.search.mission.reading_checks import NewFrames, StuckReadings
+from arva_hil.search.flight.links import NewFrames, ReceiverLink
+from arva_hil.search.mission.choice import StuckReadings
 from firmware_proto import MID, Channel, Decoder, Frame, TextDecoder, encode
 
 

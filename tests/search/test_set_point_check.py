@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from arva_hil.search.flight.detour import Deviation, SetPointCheck
+from arva_hil.search.flight.airborne import Deviation, SetPointCheck
 
 STEP_S = 0.2
 

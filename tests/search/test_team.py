@@ -20,16 +20,13 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.choice import Choice
-from arva_hil.search.mission.ground import Height
-from arva_hil.search.mission.height import Descent, descent_of
+from arva_hil.search.mission.ground import Descent, Height, descent_of
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.analysis import Inline
 from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Observation, towards
-from arva_hil.search.team.team import Bus, Teammate
-from arva_hil.search.team.team_field import TeamField, divide
-from arva_hil.search.team.team_strips import strips_of
+from arva_hil.search.team.team import Bus, TeamField, Teammate, divide, strips_of
 from arva_hil.search.team.team_tunnel import HeardAt, News
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several

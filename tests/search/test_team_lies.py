@@ -23,9 +23,7 @@ from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import Outcome
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.team.spacing import Near, kept_apart
-from arva_hil.search.team.team import Teammate
-from arva_hil.search.team.team_field import TeamField
-from arva_hil.search.team.team_strips import strips_of
+from arva_hil.search.team.team import TeamField, Teammate, strips_of
 from arva_hil.search.team.team_tunnel import HeardAt, News
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 

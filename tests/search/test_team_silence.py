@@ -10,7 +10,7 @@ from arva_hil.clock import Clock, StepClock
 from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
-from arva_hil.events.teams import TeammateBack, TeammateLost
+from arva_hil.events.searches import TeammateBack, TeammateLost
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.model.field import LocalFrame
@@ -19,9 +19,7 @@ from arva_hil.runtime.loop import run
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found
-from arva_hil.search.team.team import Teammate
-from arva_hil.search.team.team_field import TeamField
-from arva_hil.search.team.team_strips import strips_of
+from arva_hil.search.team.team import TeamField, Teammate, strips_of
 from arva_hil.search.team.team_tunnel import HeardAt, News
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several

@@ -18,8 +18,7 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.search.flight.client import COMPONENT, SearchClient
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.team.team import Teammate
-from arva_hil.search.team.team_field import TeamField
+from arva_hil.search.team.team import TeamField, Teammate
 from arva_hil.search.team.team_tunnel import TEAM_TYPE, HeardAt, News, TeamTunnel, encode, parse
 from arva_hil.simulated import HOME
 from firmware_proto import Decoder

@@ -15,7 +15,7 @@ from arva_hil.mavlink.codec import Parser, decode, dialect
 from arva_hil.search.flight.claim import CLAIM_TYPE, Claim, encode, parse
 from arva_hil.search.flight.client import SearchClient
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import Simulator
 from firmware_proto import Decoder
 from tests.search.test_client import BOTH, US, GoTo, Port, World, ardupilot
 

@@ -25,8 +25,7 @@ from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import conclusion
-from arva_hil.search.mission.receiver_host import ReceiverHost
-from arva_hil.search.mission.victims import Victim, probing_order
+from arva_hil.search.mission.victims import ReceiverHost, Victim, probing_order
 from arva_hil.search.strategies.analysis import TransmitterReadings
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards

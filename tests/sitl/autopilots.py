@@ -12,8 +12,7 @@ from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.loop import run
-from arva_hil.simulated.simulator import Simulator
-from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from tests.cli.far_ends import until
 
 from .truth import Place, Witness, rough

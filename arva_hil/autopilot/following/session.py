@@ -208,24 +208,6 @@ class Session:
 
     def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
         """Return the bytes to send now, our heartbeat and requests for streams; and the events. Sets `next_due`."""
-        if (
-            now - self._heartbeats.last_s > _LOST_S
-            and self.vehicle
-            and not self._heartbeats.lost
-            and not self._heartbeats.interrupted
-        ):
-            self._heartbeats.lost = True
-            self._events.append(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
-        if self.reader.signing:
-            self.reader.signing.advance(now)
-        if self._heartbeats.passive:
-            self.next_due = math.inf
-            return b"", self._emitted() if self._events else ()
-        self.next_due = now + _POLL_S
-        self.senders.on_read(now)
-        if self._heartbeats.interrupted:
-            return b"", self._emitted()
-        out = b""
         beats = self._heartbeats
         if now - beats.last_s > _LOST_S and self.vehicle and not (beats.lost or beats.interrupted):
             beats.lost = True

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from arva_hil import events
-from arva_hil.events import Event, searches, teams, vehicles
+from arva_hil.events import Event, searches, vehicles
 from arva_hil.events.words.reasons import STICKS, failsafes, in_words, no_pose, no_vehicle, order_in_words, request
 from arva_hil.events.words.text import Level, Notice
 
@@ -220,9 +220,9 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly received|not received any "
     "more}: back to the search strips",
     searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
-    teams.TeammateLost: "warning: the search of vehicle {number} sends nothing any more: this one stays {apart_m:g} "
+    searches.TeammateLost: "warning: the search of vehicle {number} sends nothing any more: this one stays {apart_m:g} "
     "m from where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
-    teams.TeammateBack: "the place of vehicle {number} is known again",
+    searches.TeammateBack: "the place of vehicle {number} is known again",
     searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
     searches.VictimAgain: "warning: this is victim {number} again, as transmitter {transmitter:number}: {apart_m:.1f} "
     "m from the place recorded",

@@ -23,8 +23,7 @@ from arva_hil.search.flight.airborne import Flight
 from arva_hil.search.flight.claim import Claim, ClaimAnnouncer
 from arva_hil.search.flight.dry_run import DryRun
 from arva_hil.search.flight.links import AutopilotLink, ReceiverLink
-from arva_hil.search.flight.permission import Permission
-from arva_hil.search.flight.preflight import Preflight
+from arva_hil.search.flight.preflight import Permission, Preflight
 from arva_hil.search.mission.accuracy import PositionAccuracy
 from arva_hil.search.mission.ground import Ground
 from arva_hil.search.mission.mission import Mission

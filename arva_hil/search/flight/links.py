@@ -12,8 +12,7 @@ from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import ReceiverGone
 from arva_hil.links import Link, LinkError, Sender
 from arva_hil.runtime.link_monitor import LinkMonitor
-from arva_hil.search.mission.reading_checks import NewFrames
-from arva_hil.search.mission.receiver_host import ReceiverHost
+from arva_hil.search.mission.victims import ReceiverHost
 from firmware_proto import Frame, FrameDecoder, HostForm
 
 _GAP_S: Final = 1.0  # after this time without reading, another person may have controlled the vehicle
@@ -89,6 +88,29 @@ class AutopilotLink:
             if in_time or not empty:
                 break
         return clock.now() + _AGAIN_S if orders else math.inf
+
+
+_LATE: Final = 8  # frames before the last one: it was overtaken; a larger step back is a restart of the receiver
+
+
+class NewFrames:
+    """Remembers the sequence number of the last frame.
+
+    A repeated number is the same frame, and a slightly lower one is late: neither is used. The decoders of formats
+    without a sequence number count, so that each of their frames is new.
+    """
+
+    def __init__(self) -> None:
+        self.repeats = 0  # of the last frame, in a row
+        self._last: int | None = None
+
+    def new(self, frame: Frame) -> bool:
+        ahead = _LATE if self._last is None else (frame.sequence - self._last + _LATE) % 256
+        if self._last is not None and ahead <= _LATE:
+            self.repeats += ahead == _LATE
+            return False
+        self._last, self.repeats = frame.sequence, 0
+        return True
 
 
 _SILENT_S: Final = 2.0  # after this time without a frame the receiver is lost

@@ -26,24 +26,21 @@ from arva_hil.search.mission.choice import (
     Choice,
     HeardTransmitter,
     LastLook,
+    Pauses,
     hidden,
     id_of,
     observations,
     pulses,
 )
-from arva_hil.search.mission.ground import Height
-from arva_hil.search.mission.height import Descent, HeightKeeper, descent_of
-from arva_hil.search.mission.reading_checks import Pauses
-from arva_hil.search.mission.receiver_host import ReceiverHost
-from arva_hil.search.mission.victims import Victim, Victims
+from arva_hil.search.mission.ground import Descent, Height, HeightKeeper, descent_of
+from arva_hil.search.mission.victims import ReceiverHost, Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.history import speed_of
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategies.strips import Strips
-from arva_hil.search.team.team import Teammate
-from arva_hil.search.team.team_strips import TeamStrips, strips_of
+from arva_hil.search.team.team import Teammate, TeamStrips, strips_of
 from firmware_proto import Frame
 
 _FAR_M: Final = 100.0  # from area and take-off point: a farther place ends the search

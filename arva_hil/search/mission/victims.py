@@ -1,11 +1,15 @@
-"""The transmitters that one search has found: their places, the receiver's marks on them, and those left."""
+"""The transmitters that one search has found: their places, the receiver's marks on them, and those left.
+
+Marks are commands on the receiver's own port, and their answers (PROTOCOL.md).
+"""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +25,69 @@ from arva_hil.events.searches import (
     VictimNoted,
 )
 from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, id_of
-from arva_hil.search.mission.receiver_host import Asked, ReceiverHost
 from arva_hil.search.strategies.explained import Explained
 from arva_hil.search.strategies.history import Track
 from arva_hil.search.strategies.strategy import Found, Observation, Position
-from firmware_proto import MORE_TRANSMITTERS, Frame
+from firmware_proto import MORE_TRANSMITTERS, Command, CommandAnswer, Frame, HostForm
 from firmware_proto.commands import DONE, IDENTIFY, MARK, UNKNOWN
+
+_ANSWER_S: Final = 1.0  # repeat a command without an answer after this time
+_MOST_SENT: Final = 3  # after these tries without an answer, the receiver takes no commands
+
+
+class Asked(NamedTuple):
+    """A command, and its answer; None: there was none."""
+
+    command: Command
+    answer: CommandAnswer | None
+
+
+class ReceiverHost:
+    """The commands without an answer. One at a time is sent, at most three times.
+
+    `write`: bytes to the port, False if it does not take them now. `form`: of commands and answers.
+    """
+
+    def __init__(self, form: HostForm, write: Callable[[bytes], bool]) -> None:
+        self._encode = form.command
+        self._decoder = form.answers()
+        self._write = write
+        self._waiting: deque[Command] = deque()
+        self._answers: list[CommandAnswer] = []
+        self._number = self._sent = 0
+        self._sent_s = 0.0
+
+    @property
+    def busy(self) -> bool:
+        """True if a command has no answer yet."""
+        return bool(self._waiting)
+
+    def ask(self, name: str, *values: int) -> None:
+        """Queue a command after the earlier ones."""
+        self._number = (self._number + 1) % 256
+        self._waiting.append(Command(self._number, name, values))
+
+    def feed(self, chunk: bytes, now: float) -> None:
+        """Use bytes of the port. Without a pending command they are dropped."""
+        if self._waiting:
+            self._answers += self._decoder.feed(chunk, now)
+
+    def poll(self, time_s: float) -> list[Asked]:
+        """Send the command that is due. Returns the finished ones, with answers or without."""
+        done: list[Asked] = []
+        answers, self._answers = self._answers, []
+        for answer in answers:
+            if self._sent and self._waiting and (answer.number, answer.name) == self._waiting[0][:2]:
+                done.append(Asked(self._waiting.popleft(), answer))
+                self._sent = 0
+        if self._sent and time_s - self._sent_s > _ANSWER_S and self._sent >= _MOST_SENT:
+            done.append(Asked(self._waiting.popleft(), None))
+            self._sent = 0
+        if self._waiting and (not self._sent or time_s - self._sent_s > _ANSWER_S):
+            self._write(self._encode(self._waiting[0]))
+            self._sent, self._sent_s = self._sent + 1, time_s
+        return done
+
 
 _MOST_TRIES: Final = 6  # of a mark in one hover: overlapping pulses make some fail
 _NEXT_TRY_S: Final = 1.3  # between two tries: about one pulse

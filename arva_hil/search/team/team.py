@@ -7,16 +7,48 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import Position
-from arva_hil.search.strategies.strips import Area
+from arva_hil.search.strategies.strategy import STILL, Position, Velocity, towards
+from arva_hil.search.strategies.strips import Area, Strips
 from arva_hil.search.team.spacing import Near, apart_m, clear_of, goes_first, kept_apart, may_take_off, neighbours
-from arva_hil.search.team.team_field import TeamField, layer_m
 from arva_hil.search.team.team_tunnel import MOST_HEARD, HeardAt, News
+
+_LAYER_M: Final = 3.0  # between the heights of neighbours
+_LAYERS: Final = 2
+
+
+def divide(area: Area, count: int) -> list[Area]:
+    """Return `count` parts of an area side by side, from west to east. Raises ValueError for fewer than one."""
+    if count < 1:
+        raise ValueError(f"count: {count}, expected 1 or more")
+    south, west, north, east = area
+    width = (east - west) / count
+    return [(south, west + n * width, north, west + (n + 1) * width) for n in range(count)]
+
+
+@dataclass(frozen=True)
+class TeamField:
+    """The field of a team: `area` [m] in the common `frame`, in `count` parts."""
+
+    area: Area
+    frame: LocalFrame
+    count: int
+
+    def seen_from(self, origin: LocalFrame, part: int | None = None) -> Area:
+        """Return the area, or one of its parts, from another origin."""
+        north, east, _ = (float(value) for value in self.frame.ned(*origin.lla([0.0, 0.0, 0.0])))
+        south_m, west_m, north_m, east_m = self.area if part is None else divide(self.area, self.count)[part]
+        return south_m - north, west_m - east, north_m - north, east_m - east
+
+
+def layer_m(number: int) -> float:
+    """Return the height [m] of the vehicle of this number above the first one: neighbours differ."""
+    return _LAYER_M * (number % _LAYERS)
+
 
 _EVERY_S: Final = 0.2  # period of its reports
 _OLD_S: Final = 5.0  # after this silence, a search's transmitter and part of the area are free again
@@ -320,3 +352,51 @@ class Bus:
     def _pass_on(self, news: News) -> None:
         for mate in self._mates:
             mate.on_news(news)
+
+
+def strips_of(team: Teammate, plan: SearchPlan, position: Position) -> Strips:
+    """Return strips over its own part of the team's area, then over those that others have left."""
+    area = team.area()
+    return Strips.of(plan, position) if area is None else TeamStrips(area, plan, position, team)
+
+
+class TeamStrips(Strips):
+    """The strips of a team's search.
+
+    After its own part, a drone flies to transmitters that others received and that no drone flies to, then over parts
+    that other drones leave. While others still search, it hovers and waits for either.
+    """
+
+    def __init__(self, area: Area, plan: SearchPlan, position: Position, team: Teammate) -> None:
+        super().__init__(area, plan.speed, position, width=plan.strip_width)
+        self._plan = plan
+        self._team = team
+        self._handed = False
+
+    @property
+    def exhausted(self) -> bool:
+        return self.flown and not self._handed and not self._team.waits
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        velocity = super().velocity(time_s, position)
+        if self.flown:
+            self._team.done()
+        elif self._team.yields:
+            self._next = len(self.lanes)
+        if not self.flown:
+            return velocity
+        place = self._team.handed(position)
+        self._handed = place is not None
+        if place is not None:
+            return towards(position, place, self._plan.speed)
+        if (area := self._team.claim()) is None:
+            return STILL
+        Strips.__init__(self, area, self._plan.speed, position, width=self._plan.strip_width)
+        return super().velocity(time_s, position)
+
+    def _reaches(self, position: Position, place: tuple[float, float]) -> bool:
+        return super()._reaches(position, place) or self._team.bars(place, position)
+
+    def again(self) -> Velocity:
+        self._team.forgive()
+        return STILL
