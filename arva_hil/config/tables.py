@@ -190,15 +190,17 @@ class TableOf(Constraint):
             near = next((f"{{{name}: {value}}}" for name, one in known.items() if _is_word(one, value)), None)
             raise ConstraintError(Violation(f"a mapping with {', '.join(known)}", nearest=near))
         own, owner = cls.own_class(value)
-        options, violations = read_own(own, value, owner)
-        valid = known | dict.fromkeys(own_keys(own), Anything())
-        values, more = read_keys(value, valid, cls.__required__, cls.__one_of__, keys(cls))
-        values = {name: item for name, item in values.items() if name in known}
+        valid = known | dict.fromkeys(own_keys(own), Anything()) if own else known
+        values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, keys(cls))
+        if own:
+            options, more = read_own(own, value, owner)
+            values = {name: item for name, item in values.items() if name in known} | {"options": options}
+            violations += more
         given = Given(**cls.__defaults__ | values, mapping=value)
-        violations += [*more, *cls.conflicts(given)]
+        violations += cls.conflicts(given)
         if violations:
             raise ConstraintError(*violations, given=given)
-        return _made(cls, values | {"options": options} | self._more)
+        return _made(cls, values | self._more)
 
     def plain(self, value: Any, spec: int) -> Any:
         file_keys: dict[str, Any] = dict(value.file_keys())
@@ -337,11 +339,11 @@ def read_own(cls: type[Any] | None, mapping: Mapping[str, Any], owner: str) -> t
 
 def own_options(cls: type[Any] | None, options: Any, owner: str) -> Any:
     """Return the options from Python: of `cls`, a mapping, or None for the defaults. Raises ValueError."""
-    own = own_keys(cls)
     if cls is None:
         if options is not None:
             raise ValueError(f"options: {options!r}, expected None: {owner} has no keys of its own")
         return None
+    own = own_keys(cls)
     if isinstance(options, cls):
         return options
     if not isinstance(options, Mapping | None):
