@@ -37,7 +37,7 @@ docs: $(VENV)/.dev
 # the wheel and the source archive, tried in empty environments: the wheel alone flies the demo, and what it brings is
 # listed; with its extras it does every command line of the pages and the tutorial; the codec alone
 dist: $(VENV)/.dist $(VENV)/.dev
-	$(BIN)/python tools/check_release.py
+	$(BIN)/python -m tools release
 	rm -rf build dist
 	$(BIN)/python -m build
 	$(BIN)/twine check --strict dist/*

@@ -8,7 +8,7 @@ from collections import Counter
 from itertools import pairwise
 
 from arva_hil.emulator.engine import Emulator
-from tools import house
+from tools.bench import house
 
 
 @functools.cache

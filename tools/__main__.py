@@ -4,52 +4,49 @@ from __future__ import annotations
 
 import ast
 import importlib.util
-import runpy
 import sys
 from pathlib import Path
 
 PROGRAMS = {
-    "bench": "tools.bench.__main__",
-    "bench house": "tools.house",
-    "bench finds": "tools.measure_false_finds",
+    "bench": "tools.bench.speed",
+    "bench house": "tools.bench.house",
+    "bench finds": "tools.bench.finds",
     "bench worlds": "tools.measure_worlds",
     "bench page": "tools.page_moments",
-    "figures paper": "tools.paper_figures",
-    "figures receivers": "tools.receiver_figures",
-    "figures pulses": "tools.receiver_pictures",
-    "figures pages": "tools.page_pictures",
-    "figures demo": "tools.demo_picture",
-    "figures film": "tools.demo_film",
+    "figures paper": "tools.figures.paper",
+    "figures receivers": "tools.figures.receivers",
+    "figures pulses": "tools.figures.pulses",
+    "figures demo": "tools.figures.demo",
     "real fits": "tools.real.round_trips",
     "fuzz python": "tools.fuzz.python",
     "fuzz c": "tools.fuzz.c",
-    "fuzz frames": "tools.compare_decoders",
-    "fuzz messages": "tools.compare_messages",
-    "fuzz mutants": "tools.mutants",
-    "fuzz autopilot": "tools.hostile",
-    "fuzz sensors": "tools.lying_sensors",
+    "fuzz codecs": "tools.fuzz.codecs",
+    "fuzz mutants": "tools.fuzz.mutants",
+    "fuzz autopilot": "tools.fuzz.autopilot",
+    "fuzz sensors": "tools.fuzz.sensors",
     "sitl fly": "tools.fly_simulators",
     "sitl lua": "tools.fly_lua",
     "sitl pilot": "tools.pilot_authority",
-    "soak run": "tools.long_run",
+    "soak run": "tools.soak.run",
     "soak can": "tools.can_tunnel",
-    "soak kills": "tools.random_kills",
-    "vectors": "tools.make_vectors",
+    "soak kills": "tools.soak.kills",
+    "vectors": "tools.vectors.make",
     "reference": "tools.write_reference",
     "release": "tools.check_release",
 }
 
 
-def main() -> None:
+def main() -> int | None:
     words = sys.argv[1:]
     for count in (2, 1):
-        if module := PROGRAMS.get(" ".join(words[:count])):
-            sys.argv[:] = [f"tools {words[0]}", *words[count:]]
-            runpy.run_module(module, run_name="__main__", alter_sys=True)
-            return
+        name = " ".join(words[:count])
+        if module := PROGRAMS.get(name):
+            sys.argv[:] = [f"python -m tools {name}", *words[count:]]
+            code: int | None = importlib.import_module(module).main()
+            return code
     for name, module in PROGRAMS.items():
         print(f"{name:18} {_about(module)}")
-    sys.exit(2 if words else 0)
+    return 2 if words else 0
 
 
 def _about(module: str) -> str:
@@ -62,4 +59,4 @@ def _about(module: str) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,6 +1,6 @@
 """Checks that version, tag, CHANGELOG and CITATION.cff agree, before `make dist` builds.
 
-    python tools/check_release.py
+    python -m tools release
 
 The version stands in `arva_hil/__init__.py` alone. Where git and tags are there, a tagged commit has to be of that very
 version, and any other commit of a version after the newest tag. In a source archive, or a clone without tags, the
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -99,7 +98,3 @@ def main() -> int:
     found = disagreements(said(), tags())
     print("\n".join(found) or f"version {said().version}: all agree")
     return 1 if found else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

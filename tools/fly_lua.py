@@ -15,7 +15,6 @@ import math
 import random
 import re
 import shutil
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -99,7 +98,7 @@ def fly(binary: Path, folder: Path, seed: int, slope: float, rangefinder: bool) 
     return error < math.inf
 
 
-def main(arguments: list[str]) -> int:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("binary", type=lambda name: Path(name).resolve())
     parser.add_argument("--runs", type=int, default=3, metavar="N", help="default 3")
@@ -108,14 +107,10 @@ def main(arguments: list[str]) -> int:
         "--slope", type=float, default=0.0, metavar="M", help="ground that rises to the north, m a metre"
     )
     parser.add_argument("--rangefinder", action="store_true", help="the vehicle has one")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     found = []
     run_first()
     for seed in range(options.seed, options.seed + options.runs):
         folder = Path(tempfile.mkdtemp(prefix="lua-"))
         found.append(fly(options.binary, folder, seed, options.slope, options.rangefinder))
     return 0 if all(found) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -1,7 +1,7 @@
 """Flies searches on ArduPilot's and PX4's simulators, in real time, and judges them by the simulators' own truth.
 
-    python tools/fly_simulators.py …/build/sitl/bin/arducopter anywhere --runs 10
-    python tools/fly_simulators.py …/build/px4_sitl_default/bin/px4 climb search end pause stop landing -- --height 3
+    python -m tools sitl fly …/build/sitl/bin/arducopter anywhere --runs 10
+    python -m tools sitl fly …/build/px4_sitl_default/bin/px4 climb search end pause stop landing -- --height 3
 
 Each flight has a simulator of its own, `run`, `search`, and a relay between search and simulator that notes the time
 of each message:
@@ -42,9 +42,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
-
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from arva_hil.mavlink.codec import command, dialect
 from tools.sitl.judge import BEGINS, SILENCE, Buried, Flight, Program, judge
@@ -220,7 +217,8 @@ def flights(options: argparse.Namespace) -> Iterator[Flight]:
             yield flight
 
 
-def main(arguments: list[str]) -> int:
+def main() -> int:
+    arguments = sys.argv[1:]
     ours, theirs = arguments, []
     if "--" in arguments:
         at = arguments.index("--")
@@ -248,7 +246,3 @@ def main(arguments: list[str]) -> int:
         print(flight, flush=True)
         good = good and flight.good
     return 0 if good else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

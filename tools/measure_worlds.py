@@ -61,7 +61,7 @@ class AnyPoseError:
 
     def __init__(self, seed: int, sigma_m: float, compass_deg: float) -> None:
         r = self._random = random.Random(f"pose {seed}")
-        self._turn = rotation.from_euler(0.0, 0.0, math.radians(compass_deg))
+        self._turn: Any = rotation.from_euler(0.0, 0.0, math.radians(compass_deg))
         self._offset = [r.gauss(0, sigma_m) for _ in "ned"]
         self._ramp = [r.gauss(0, sigma_m / 600) for _ in "ned"]
         self._waves = [(r.gauss(0, 0.4 * sigma_m), r.uniform(40, 900), r.uniform(0, 6.3)) for _ in "ned"]
@@ -121,7 +121,7 @@ class OtherNoise(PulsedReceiver):
             x, y, z = own(index)
             return x + r.gauss(0, size), y + r.gauss(0, size), z + r.gauss(0, size)
 
-        self._listening.noise = noise  # type: ignore[method-assign]
+        self._listening.noise = noise  # type: ignore[assignment,method-assign]
 
 
 RECEIVERS.loaded |= {"other_display": OtherDisplay, "other_noise": OtherNoise}
@@ -136,7 +136,7 @@ class World:
 
 
 def _base(seed: int, model: str = "paper", **receiver: Any) -> Scenario:
-    keying = None if model == "paper" else "modern"
+    keying: Any = None if model == "paper" else "modern"
     buried = draw(Random(50.0, (0.0, 2.0), model=model, keying=keying), seed)
     buried = replace(buried, seed=seed)
     return replace(buried, receiver=replace(buried.receiver, **receiver)) if receiver else buried

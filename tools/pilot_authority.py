@@ -1,6 +1,6 @@
 """Lets a pilot take over a search at random moments, and counts the orders after that.
 
-    python tools/pilot_authority.py [--runs 50] [--jobs 2] [--seed 1]
+    python -m tools sitl pilot [--runs 50] [--jobs 2] [--seed 1]
 
 Each run is one `arva-hil search`, a process of its own, over UDP or TCP with a simulated vehicle (the built-in one, or
 that behind PX4's modes), in real time:
@@ -26,11 +26,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import Any, NamedTuple
-
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.clock import RealClock
@@ -285,7 +281,3 @@ def main(arguments: list[str] | None = None) -> int:
             last, kept = max(result.last_ms for result in results), sum(result.kept for result in results)
             print(f"{kind:8}{len(results):6}{sum(r.late for r in results):18}{last:16.0f}{kept:8}", flush=True)
     return 1 if late else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -167,7 +167,3 @@ def _fault_rows() -> Iterator[tuple[str, ...]]:
         needs = f"; needs {', '.join(f'`{key}`' for key in kind.needs)}" if kind.needs else ""
         yield f"`{name}`", constraint.kind, constraint.range, constraint.unit, "", kind.help + needs
     yield from _rows(Fault)
-
-
-if __name__ == "__main__":
-    main()

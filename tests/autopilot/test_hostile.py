@@ -1,4 +1,4 @@
-"""A short run of what tools/hostile.py does ten million times."""
+"""A short run of what tools/fuzz/autopilot.py does ten million times."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import random
 
 import pytest
 
+from tools.fuzz.autopilot import BURST, KEY, Bench
 from tools.fuzz.enemy import Enemy
-from tools.hostile import BURST, KEY, Bench
 
 
 @pytest.mark.parametrize("key", [None, KEY])

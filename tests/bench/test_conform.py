@@ -15,7 +15,7 @@ from arva_hil.bench.judge import judge
 from arva_hil.cli.main import main
 from tests.every import every
 from tests.once import once
-from tools import mutants
+from tools.fuzz import mutants
 
 ROOT = Path(__file__).parents[2]
 Run = Callable[..., tuple[int, str, str]]
@@ -60,7 +60,7 @@ def test_the_other_decoders_pass(conform: Run, tmp_path: Path, language: str) ->
 
 
 def test_there_are_60_mistakes_and_each_is_at_one_place(tmp_path: Path) -> None:
-    """`python -m tools.mutants` builds and judges all of them."""
+    """`python -m tools fuzz mutants` builds and judges all of them."""
     assert len({one.name for one in mutants.MUTANTS}) == 60
     names = {clause.name for clause in clauses()}
     for one in mutants.MUTANTS:

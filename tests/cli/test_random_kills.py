@@ -11,7 +11,7 @@ from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from firmware_proto import Decoder, Frame
 from tests.cli.far_ends import Autopilot, Program, read_frames, until
-from tools import random_kills
+from tools.soak import kills as random_kills
 
 
 def test_six_random_ends_leave_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

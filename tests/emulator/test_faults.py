@@ -854,7 +854,7 @@ def test_every_fault_is_in_the_scenario_that_shows_them() -> None:
 def test_a_long_run_checks_out() -> None:
     """A minute of it."""
     done = subprocess.run(
-        [sys.executable, "-m", "tools.long_run", "--hours", "0.02"], cwd=ROOT, capture_output=True, text=True
+        [sys.executable, "-m", "tools", "soak", "run", "--hours", "0.02"], cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "accounted for" in done.stdout

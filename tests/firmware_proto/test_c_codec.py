@@ -135,16 +135,16 @@ def test_frames_are_counted_without_a_function_to_take_them(codec):
 
 
 def test_python_and_c_make_the_same_of_the_same_bytes(run_tool):
-    assert "2000 streams, no difference" in run_tool("tools.compare_decoders", "2000")
+    assert "2000 streams, no difference" in run_tool("tools", "fuzz", "codecs", "frames", "2000")
 
 
 def test_sanitizers_find_nothing(run_tool):
-    output = run_tool("tools.fuzz.c", "--runs", "10000", "--without-clang")
+    output = run_tool("tools", "fuzz", "c", "--runs", "10000", "--without-clang")
     assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 10_000
 
 
 def test_guided_by_coverage_they_find_nothing_either(run_tool):
-    run_tool("tools.fuzz.c", "--runs", "2000")  # as above if there is no libFuzzer
+    run_tool("tools", "fuzz", "c", "--runs", "2000")  # as above if there is no libFuzzer
 
 
 def test_the_example_prints_what_comes_over_a_port(tmp_path):

@@ -118,9 +118,9 @@ def test_too_many_values_change_nothing(code):
 
 
 def test_python_and_c_make_the_same_of_the_same_bytes(run_tool):
-    assert "2000 streams, no difference" in run_tool("tools.compare_messages", "2000", "--no-lua")
+    assert "2000 streams, no difference" in run_tool("tools", "fuzz", "codecs", "messages", "2000", "--no-lua")
 
 
 def test_sanitizers_find_nothing(run_tool):
-    output = run_tool("tools.fuzz.c", "messages", "--runs", "5000", "--without-clang")
+    output = run_tool("tools", "fuzz", "c", "messages", "--runs", "5000", "--without-clang")
     assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 5000

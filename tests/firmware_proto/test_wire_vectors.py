@@ -1,8 +1,4 @@
-"""vectors.json against the Python codec; tools/make_vectors.py makes the file without it."""
-
-import subprocess
-import sys
-from pathlib import Path
+"""vectors.json against the Python codec; tools/vectors/make.py makes the file without it."""
 
 import pytest
 from fastcrc import crc16
@@ -23,12 +19,11 @@ from firmware_proto.measured import encode_rssi, encode_vector
 from tests.every import every
 from tests.firmware_proto.wire_vectors import FRAMES, MESSAGES, VECTORS, as_frame, by_name, follow, follow_messages
 from tools.codecs.c_messages import python_decoder
-
-MAKE = Path(__file__).parents[2] / "tools" / "make_vectors.py"
+from tools.vectors import make
 
 
 def test_the_file_is_the_one_that_the_tool_makes():
-    subprocess.run([sys.executable, MAKE, "--check"], check=True)
+    assert make.FILE.read_text(encoding="utf-8") == make.vectors(), "run python -m tools vectors"
 
 
 def test_crc():

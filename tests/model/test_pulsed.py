@@ -12,7 +12,7 @@ from arva_hil.model.field.keying import Keying
 from arva_hil.model.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
-from tools.receiver.hovering import PAPER, Hovering, transmitters
+from tools.figures.hovering import PAPER, Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25)
 OTHER = Keying(0.83, 0.08, 0.6, carrier_hz=40.0)

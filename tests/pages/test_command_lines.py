@@ -40,7 +40,7 @@ NOT_RUN = {  # what a line begins with → why it is not run here
     r"docker ": "needs docker; tests/cli/test_service.py reads the Containerfile",
     r"sim_vehicle\.py|make px4|ARVA_HIL_(ARDUCOPTER|PX4)=|PX4_PARAM|px4-": "needs a simulator: tests/sitl",
     r"~/mavproxy/": "needs MAVProxy, a ground station with a screen",
-    r"python tools/fly_simulators\.py": "needs a simulator",
+    r"python -m tools sitl fly": "needs a simulator",
     r"cmake |ninja ": "needs PX4's sources; tests/firmware_proto/test_px4_module.py compiles the module",
     r"arm-none-eabi-gcc|qemu-system-arm": "tests/firmware_proto/test_stm32.py runs it where they are installed",
     r"arva-hil (record|decode|fit|compare) ": "needs a flight: tests/cli/test_procedure.py does what the page does",

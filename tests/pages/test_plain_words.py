@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tools import house
+from tools.bench import house
 
 from .pages import ROOT
 

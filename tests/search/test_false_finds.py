@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tools.measure_false_finds import flown
+from tools.bench.finds import flown
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
-"""Whole searches with one sensor that lies, judged by the true height: tools/lying_sensors.py, a few flights of it."""
+"""Whole searches with one sensor that lies, judged by the true height: tools/fuzz/sensors.py, a few flights of it."""
 
 from __future__ import annotations
 
 import pytest
 
 from arva_hil.simulated.messages import SENSORS
-from tools import lying_sensors as tool
-from tools.lying_sensors import BAROMETER, Flight, Lie
+from tools.fuzz import sensors as tool
+from tools.fuzz.sensors import BAROMETER, Flight, Lie
 
 
 @pytest.mark.parametrize(

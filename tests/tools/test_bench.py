@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.bench import __main__ as bench
+from tools.bench import speed as bench
 from tools.bench.table import Row, conditions, ratio, read, slower, write
 
 ROW = ratio("work", "peer", 1.0, 4.0, "s", 0.25)
@@ -101,7 +101,7 @@ def test_the_kept_baseline_has_the_work_that_does_not_need_an_idle_machine() -> 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--flight", "none.tlog", "limits"], "--flight: none.tlog: no such file"),
+        (["--flight", "none.tlog", "starts"], "--flight: none.tlog: no such file"),
         (["--flight", __file__, "--seconds", "2", "live"], "--seconds 2: 5 at least"),
     ],
 )

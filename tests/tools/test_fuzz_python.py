@@ -86,7 +86,7 @@ def test_what_is_wrong_is_found(make: Callable[[pytest.MonkeyPatch], str], monke
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "tools.fuzz.python", *map(str, arguments)]
+    command = [sys.executable, "-m", "tools", "fuzz", "python", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
@@ -109,8 +109,8 @@ def test_without_atheris_damaged_seeds_are_tried_and_what_fails_is_kept(
 
 def test_without_atheris_it_says_what_to_install() -> None:
     hide = "import runpy, sys; sys.modules['atheris'] = None; "
-    hide += "runpy.run_module('tools.fuzz.python', run_name='__main__')"
-    command = [sys.executable, "-c", hide, "loader", "--seconds", "1"]
+    hide += "runpy.run_module('tools', run_name='__main__')"
+    command = [sys.executable, "-c", hide, "fuzz", "python", "loader", "--seconds", "1"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert re.search(r"atheris is not installed: pip install 'arva-hil\[fuzz\]'", done.stderr)

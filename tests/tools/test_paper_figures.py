@@ -1,4 +1,4 @@
-"""The data behind the figures of tools/paper_figures.py, against the paper's equations; and that the files are made."""
+"""The data behind the figures of tools/figures/paper.py, against the paper's equations; and that the files are made."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from PIL import Image
 
 from arva_hil.model.receiver import Antennas, Zone
 from tests.paper_receiver import Receiver
-from tools import paper_figures as figures
-from tools.paper import data
+from tools.figures import paper
 
 KAPPA, MID_M, BOUND = 1.542, 50.0, 1 / (2 * np.pi * 80**3)
 SILENT = Antennas(noise="off")
@@ -38,13 +37,13 @@ def test_the_bounds_are_those_of_the_model_s_description() -> None:
 
 def test_the_field_is_that_of_a_dipole_that_points_east() -> None:
     places = np.random.default_rng(1).uniform(-60, 60, (500, 2))
-    np.testing.assert_allclose(data.field(places), analytic(places), rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(paper.field(places), analytic(places), rtol=1e-9, atol=1e-18)
 
 
 @given(st.lists(st.floats(1, 1000), min_size=1, max_size=5))
 @settings(max_examples=6)
 def test_a_flux_line_keeps_its_apex(apexes: list[float]) -> None:
-    lines = data.flux_lines(apexes)
+    lines = paper.flux_lines(apexes)
     assert lines.shape[0] == len(apexes)
     for apex, line in zip(apexes, lines, strict=True):
         r, sine = np.hypot(*line.T), line[:, 1] / np.hypot(*line.T)
@@ -59,11 +58,11 @@ def test_a_flux_line_keeps_its_apex(apexes: list[float]) -> None:
 @given(st.floats(3.5, 49.9))
 @settings(max_examples=25)
 def test_an_iso_power_line_is_of_one_power_and_bears_what_is_shown_there(d: float) -> None:
-    line = data.iso_power_line(d)
+    line = paper.iso_power_line(d)
     np.testing.assert_allclose(np.linalg.norm(analytic(line), axis=1), KAPPA / (4 * np.pi * d**3), rtol=1e-9)
     np.testing.assert_allclose(line[0], line[-1], atol=1e-9)
     assert line[:, 0].max() == pytest.approx(d / (KAPPA / ON_AXIS) ** (1 / 3), rel=1e-3)
-    shown = data.directions(line, antennas=SILENT)
+    shown = paper.directions(line, antennas=SILENT)
     assert (shown.zones == Zone.MID).all()
     np.testing.assert_allclose(shown.d, d, atol=0.00501)
 
@@ -71,12 +70,12 @@ def test_an_iso_power_line_is_of_one_power_and_bears_what_is_shown_there(d: floa
 def test_level_poses_are_level_in_the_plane_and_the_others_turned_in_every_way() -> None:
     rng = np.random.default_rng(2)
     quarters = [0.25, 0.5, 0.75]
-    places, R = data.poses(20_000, rng, level=True)
+    places, R = paper.poses(20_000, rng, level=True)
     assert (places[:, 2] == 0).all()
     np.testing.assert_allclose(R[:, 2], np.broadcast_to([0, 0, 1], (20_000, 3)), atol=1e-12)
     for x, y in (places.T[:2], R[:, :2, 0].T):
         np.testing.assert_allclose(np.quantile(np.arctan2(y, x) / np.pi, quarters), [-0.5, 0, 0.5], atol=0.03)
-    free, free_R = data.poses(20_000, rng, level=False)
+    free, free_R = paper.poses(20_000, rng, level=False)
     for p in (places, free):
         np.testing.assert_allclose(np.quantile(np.linalg.norm(p, axis=1), quarters), [22.5, 45, 67.5], atol=1.5)
     ways = free / np.linalg.norm(free, axis=1, keepdims=True)
@@ -88,16 +87,16 @@ def test_level_poses_are_level_in_the_plane_and_the_others_turned_in_every_way()
 @pytest.mark.parametrize("kind", ["uniform", "gaussian", "off"])
 def test_readings_are_what_a_receiver_says(level: bool, kind: str) -> None:
     antennas = Antennas(noise=kind)  # type: ignore[arg-type]
-    places, R = data.poses(300, np.random.default_rng(3), level, farthest=60.0)
-    receiver = Receiver(data.TRANSMITTER, antennas, channels=1, seed=9)
+    places, R = paper.poses(300, np.random.default_rng(3), level, farthest=60.0)
+    receiver = Receiver(paper.TRANSMITTER, antennas, channels=1, seed=9)
     said = [receiver.read(p, r).channels[0] for p, r in zip(places, R, strict=True)]
-    d_cm, delta, zone = data.readings(places, R, 9, antennas)
+    d_cm, delta, zone = paper.readings(places, R, 9, antennas)
     assert [(c.d_cm, c.delta_deg, c.zone) for c in said] == list(zip(d_cm, delta, zone, strict=True))
     assert {Zone.INNER, Zone.MID, Zone.OUTER} == set(zone.tolist())
 
 
 def test_level_receivers_all_hear_near_and_none_hears_far() -> None:
-    distance, d = data.distances(60_000, level=True)
+    distance, d = paper.distances(60_000, level=True)
     heard = d != -1
     assert heard[distance < SURE_M].all()
     assert not heard[distance < SURE_M + 3].all()
@@ -111,35 +110,35 @@ def test_level_receivers_all_hear_near_and_none_hears_far() -> None:
 
 
 def test_a_turned_receiver_can_be_deaf_anywhere_but_in_the_inner_zone_and_hears_no_farther() -> None:
-    distance, d = data.distances(60_000, level=False)
+    distance, d = paper.distances(60_000, level=False)
     heard = d != -1
     assert heard[distance < 2.5].all()
     assert not heard[distance < 20].all()
     assert not heard[distance > LAST_M].any()
-    level_distance, level_d = data.distances(60_000, level=True)
+    level_distance, level_d = paper.distances(60_000, level=True)
     edges = np.arange(0, 91, 5.0)
-    turned, level = data.share_heard(distance, d, edges), data.share_heard(level_distance, level_d, edges)
+    turned, level = paper.share_heard(distance, d, edges), paper.share_heard(level_distance, level_d, edges)
     assert (turned <= level).all()
     assert (level[:7] == 1).all()
     assert (turned[4:7] < 1).all()
 
 
 def test_share_heard() -> None:
-    share = data.share_heard(
+    share = paper.share_heard(
         np.array([1.0, 2.0, 3.0, 11.0, 31.0]), np.array([1.0, -1, 3.0, -1, 0.0]), np.arange(0, 41, 10.0)
     )
     np.testing.assert_array_equal(share, [2 / 3, 0, np.nan, 1])
 
 
 def test_a_grid_reaches_both_sides_and_has_the_transmitter() -> None:
-    places = data.grid(11, 5, 5)
+    places = paper.grid(11, 5, 5)
     assert sorted(map(tuple, places.tolist())) == [(x, y) for x in (-10, -5, 0, 5, 10) for y in (-5, 0, 5)]
 
 
 @pytest.mark.parametrize("antennas", [Antennas(), SILENT], ids=["noise", "silent"])
 def test_directions_are_the_field_s_as_far_as_noise_and_whole_degrees_allow(antennas: Antennas) -> None:
-    places = data.grid(65, 45, 1.3)
-    shown = data.directions(places, antennas=antennas)
+    places = paper.grid(65, 45, 1.3)
+    shown = paper.directions(places, antennas=antennas)
     mid = shown.zones == Zone.MID
     field, ways = analytic(places[mid]), shown.ways[mid]
     strength = np.linalg.norm(field, axis=1)
@@ -157,10 +156,10 @@ def test_directions_are_the_field_s_as_far_as_noise_and_whole_degrees_allow(ante
 
 
 def test_the_same_seed_gives_the_same_data_and_another_gives_others() -> None:
-    places = data.grid(60, 40, 5)
+    places = paper.grid(60, 40, 5)
     for draw in (
-        lambda *seed: data.distances(500, True, *seed)[1],
-        lambda *seed: data.directions(places, *seed).ways,
+        lambda *seed: paper.distances(500, True, *seed)[1],
+        lambda *seed: paper.directions(places, *seed).ways,
     ):
         np.testing.assert_array_equal(draw(), draw())
         assert not np.array_equal(draw(), draw(1))
@@ -169,22 +168,22 @@ def test_the_same_seed_gives_the_same_data_and_another_gives_others() -> None:
 @pytest.mark.parametrize("name", ["figure2", "figure3", "figure5"])
 def test_a_figure_is_a_small_file(name: str, tmp_path: Path) -> None:
     one, two = tmp_path / "one.png", tmp_path / "two.png"
-    figures.save(figures.FIGURES[name], one)
+    paper.save(paper.FIGURES[name], one)
     if name == "figure5":  # drawn twice it is the same; that the data of each is: above
-        figures.save(figures.FIGURES[name], two)
+        paper.save(paper.FIGURES[name], two)
         assert one.read_bytes() == two.read_bytes()
     assert one.stat().st_size < 80_000
     with Image.open(one) as image:
-        assert image.width == figures.WIDTH_PX
+        assert image.width == paper.WIDTH_PX
         assert len(image.convert("RGB").getcolors(256) or ()) > 20
 
 
-@pytest.mark.parametrize("name", figures.FIGURES)
+@pytest.mark.parametrize("name", paper.FIGURES)
 def test_every_figure_is_kept_beside_the_tools(name: str) -> None:
-    path = Path(figures.__file__).parent / "figures" / f"{name}.png"
+    path = Path(paper.__file__).with_name(f"{name}.png")
     assert path.stat().st_size < 80_000
     with Image.open(path) as image:
-        assert image.width == figures.WIDTH_PX
+        assert image.width == paper.WIDTH_PX
 
 
 def test_the_command_writes_every_figure_where_it_is_told(
@@ -193,9 +192,9 @@ def test_the_command_writes_every_figure_where_it_is_told(
     def line(figure: Figure) -> None:
         figure.add_subplot().plot([0, 1])
 
-    monkeypatch.setattr(figures, "FIGURES", {"one": line, "two": line})
-    monkeypatch.setattr(sys, "argv", ["paper_figures.py", "--out", str(tmp_path / "new" / "folder")])
-    figures.main()
+    monkeypatch.setattr(paper, "FIGURES", {"one": line, "two": line})
+    monkeypatch.setattr(sys, "argv", ["paper", "--out", str(tmp_path / "new" / "folder")])
+    paper.main()
     made = sorted((tmp_path / "new" / "folder").iterdir())
     assert [path.name for path in made] == ["one.png", "two.png"]
     assert [text.split(": ")[0] for text in capsys.readouterr().out.splitlines()] == list(map(str, made))

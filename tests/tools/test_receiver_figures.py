@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tools.receiver_figures import FIGURES, OURS, novices, overlaps
+from tools.figures.receivers import FIGURES, OURS, novices, overlaps
 
 QUICK = {name: figure for name, figure in FIGURES.items() if name != "overlaps"}
 

@@ -1,1 +1,1 @@
-"""Speed compared with that of other libraries, as ratios in one run: `python -m tools.bench`."""
+"""Speed compared with that of other libraries, as ratios in one run: `python -m tools bench`."""

@@ -178,8 +178,8 @@ def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> 
         start = clock.now()
         setups = vehicle_setups(chosen, lambda v: v.name, lambda v: Session(target_system=v.system, name=v.name))
         emulator = Emulator(setups, start=start, spread=True)
-        for vehicle in emulator.vehicles:
-            for receiver, port in vehicle.units:
+        for emulated in emulator.vehicles:
+            for receiver, port in emulated.units:
                 ports[port.link].start = receiver.schedule.deadline
         live = Live(emulator, autopilots, ports, Audience([]))
         far.send("ready")

@@ -39,7 +39,7 @@ class Motion:
             for record in log:
                 for packet in parser.feed(record.raw):
                     if packet.component == 1 and packet.msgid == _POSITION:
-                        m = decode(packet)
+                        m: Any = decode(packet)
                         here = (m.lat / 1e7, m.lon / 1e7, m.alt / 1e3, m.vx / 100, m.vy / 100, m.vz / 100)
                         positions[m.time_boot_ms / 1e3] = here
                     elif packet.component == 1 and packet.msgid == _ATTITUDE:
@@ -63,7 +63,7 @@ class Motion:
     def packets(self, t: float) -> bytes:
         """Return the packets of position and attitude; `t` in whole milliseconds."""
         ned, velocity = self._position(t), self._position(t, 1)
-        lat, lon, alt = self._frame.lla(ned)
+        lat, lon, alt = map(float, self._frame.lla(ned))
         yaw, pitch, roll = self._attitude(t).as_euler("ZYX")
         rates = self._attitude(t, 1)
         ms = round(t * 1e3)

@@ -63,7 +63,7 @@ def _frames(motion: Motion, seconds: float) -> list[float]:
         child = multiprocessing.Process(target=_emulate, args=(far.path, port.path, seconds, started), daemon=True)
         child.start()
         start = started.get(timeout=60)
-        fd = port.fileno()
+        fd: Any = port.fileno()
         for n in range(round((seconds - 1) * _HZ)):
             instant = start + n / _HZ
             packets = (motion.beat() if n % _HZ == 0 else b"") + motion.packets(round(n / _HZ, 3))
@@ -101,7 +101,7 @@ def _echoes(times: int) -> list[float]:
         child = multiprocessing.Process(target=_echo, args=(link.path,), daemon=True)
         child.start()
         time.sleep(0.5)
-        fd = link.fileno()
+        fd: Any = link.fileno()
         for _ in range(times):
             time.sleep(0.02)
             sent = time.monotonic()

@@ -70,7 +70,7 @@ def rows() -> Iterator[Row]:
         look(i)
         encode(frame_of(receiver.show(float(i)), i % 256))
 
-    full = cpu_of(lambda: [whole(i) for i in range(SINGLE)]) / SINGLE
+    full = cpu_of(lambda: list(map(whole, range(SINGLE)))) / SINGLE
     point = points[0]
     single = cpu_of(lambda: [magpylib.getH(dipoles, point) for _ in range(500)]) / 500
     yield ratio(

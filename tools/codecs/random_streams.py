@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from random import Random
 
 from firmware_proto import INNER, MAX_CHANNELS, Channel, Command, CommandAnswer, Frame, encode
@@ -20,21 +18,6 @@ MESSAGE_HEADS = [
 ]
 
 Call = tuple[int, bytes]  # milliseconds, chunk
-
-
-def compare(
-    streams: Iterable[list[Call]], differs: Callable[[list[Call], int], str], totals: Counter[str], seed: int
-) -> int:
-    """The exit code. `differs` says what decoders disagree on in a stream; their clocks begin at its second value."""
-    count = 0
-    for count, calls in enumerate(streams, 1):
-        epoch_ms = ((count - 1) * 0x9E3779B1 - 500) & 0xFFFFFFFF  # everywhere, and just before the clock wraps
-        if difference := differs(calls, epoch_ms):
-            print(f"stream {count - 1}, seed {seed}: {difference}", file=sys.stderr)
-            print(*(f"{now} {chunk.hex()}" for now, chunk in calls), sep="\n", file=sys.stderr)
-            return 1
-    print(f"{count} streams, no difference: " + ", ".join(f"{v} {k}" for k, v in sorted(totals.items())))
-    return 0
 
 
 def frame(random: Random) -> bytes:

@@ -1,7 +1,7 @@
 """Fuzz the C code under AddressSanitizer and UndefinedBehaviorSanitizer, from the streams of vectors.json.
 
-    python -m tools.fuzz.c [frames|messages] [--seconds 600]    clang's libFuzzer, guided by coverage
-    python -m tools.fuzz.c [frames|messages] --runs 20000       so many runs, the same each time; by gcc without clang
+    python -m tools fuzz c [frames|messages] [--seconds 600]    clang's libFuzzer, guided by coverage
+    python -m tools fuzz c [frames|messages] --runs 20000       so many runs, the same each time; by gcc without clang
 
 `frames` is frames.c, `messages` messages.c: commands, answers and what antennas measured.
 
@@ -14,7 +14,6 @@ import argparse
 import json
 import shutil
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -83,7 +82,3 @@ def main() -> int:
             compile_c(compiler(), binary, *flags, *SOURCES[options.target])
             command = [binary, str(options.runs), str(options.seed), *corpus]
         return subprocess.run(command).returncode
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Packets of an attacker that wants a session with a vehicle to accept false values: see hostile.py."""
+"""Packets of an attacker that wants a session with a vehicle to accept false values: see autopilot.py."""
 
 from __future__ import annotations
 

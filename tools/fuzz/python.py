@@ -1,12 +1,12 @@
 """Coverage-guided fuzzing of readers: scenario files, MAVLink, frames, commands, logs, news of a team.
 
-    python -m tools.fuzz.python loader|session|decoder|commands|log|team [--seconds 600] [--seed N] [--corpus DIR]
-    python -m tools.fuzz.python TARGET --runs 10000            damaged seeds, the same each time, without atheris
-    python -m tools.fuzz.python TARGET --reproduce FILE        one input, without atheris
+    python -m tools fuzz python loader|session|decoder|commands|log|team [--seconds 600] [--seed N] [--corpus DIR]
+    python -m tools fuzz python TARGET --runs 10000            damaged seeds, the same each time, without atheris
+    python -m tools fuzz python TARGET --reproduce FILE        one input, without atheris
 
 Coverage needs atheris: pip install 'arva-hil[fuzz]'. The target's module has the inputs and the conditions. It begins
-with configs/, tests/data, tests/broken and vectors.json, and with the folder `--corpus`, which grows. The first finding
-ends the run and leaves its input in the current folder. Exit 0 without a finding, 1 with one.
+with configs/, tests/data, tests/broken and vectors.json, in the folder `--corpus`, which grows; default build/fuzz. The
+first finding ends the run and leaves its input in the current folder. Exit 0 without a finding.
 """
 
 from __future__ import annotations
@@ -15,13 +15,10 @@ import argparse
 import importlib
 import importlib.util
 import itertools
-import os
 import random
 import re
-import subprocess
 import sys
 import tempfile
-import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,10 +46,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=457)
     parser.add_argument("--corpus", type=Path, metavar="DIR")
     parser.add_argument("--reproduce", type=Path, metavar="FILE")
-    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
-    options, rest = parser.parse_known_args()
-    if rest and not options.child:
-        parser.error(f"unrecognized arguments: {' '.join(rest)}")
+    options = parser.parse_args()
     if options.reproduce:
         return reproduce(options.target, options.reproduce)
     if options.runs:
@@ -60,7 +54,8 @@ def main() -> int:
     if importlib.util.find_spec("atheris") is None:
         print("atheris is not installed: pip install 'arva-hil[fuzz]' (or pip install atheris)", file=sys.stderr)
         return 2
-    return child(options.target, rest) if options.child else fuzz(options)
+    fuzz(options)
+    return 0
 
 
 def module(target: str) -> ModuleType:
@@ -105,52 +100,20 @@ def damaged(seeds: list[bytes], count: int, seed: int) -> Iterator[bytes]:
         yield reworded(bytes(data), words, r) if r.random() < 0.3 else bytes(data)
 
 
-def fuzz(options: argparse.Namespace) -> int:
-    """The fuzzer in a process of its own, and its sum."""
-    longest, _ = TARGETS[options.target]
-    with tempfile.TemporaryDirectory(prefix="arva-fuzz-") as name:
-        seeds = Path(name, "seeds")
-        seeds.mkdir()
-        for number, seed in enumerate(module(options.target).seeds()):
-            (seeds / f"{number:04}").write_bytes(seed)
-        grown = options.corpus or Path(name, "corpus")
-        grown.mkdir(parents=True, exist_ok=True)
-        words = Path(name, "words")
-        words.write_text("".join(f'"{word}"\n' for word in dictionary()) if options.target == "loader" else "\n")
-        command = [sys.executable, "-m", "tools.fuzz.python", options.target, "--child"]
-        command += [f"-max_total_time={options.seconds}", f"-seed={options.seed}", f"-dict={words}"]
-        command += [f"-max_len={longest}", f"-timeout={SLOWEST_S}", f"-rss_limit_mb={LARGEST_MB}"]
-        command += ["-print_final_stats=1", f"-artifact_prefix={Path.cwd()}/", str(grown), str(seeds)]
-        begun = time.monotonic()
-        said: list[str] = []
-        environment = {**os.environ, "TMPDIR": name}  # libFuzzer ends without cleaning up
-        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace") as process:
-            for line in process.stderr or ():
-                print(line, end="", file=sys.stderr)
-                said.append(line)
-        seconds = time.monotonic() - begun
-    text = "".join(said)
-    runs = int(next(iter(re.findall(r"stat::number_of_executed_units: +(\d+)", text)), 0))
-    edges = next(iter(reversed(re.findall(r"cov: (\d+)", text))), "?")
-    found = re.findall(r"Test unit written to (\S+)", text)
-    print(
-        f"{options.target}: {runs} runs, {runs / seconds:.0f} runs/s, {seconds:.0f} s, seed {options.seed}, "
-        f"{edges} edges covered, {len(found)} findings"
-    )
-    for path in found:
-        print(f"finding: {path}\nreproduce: python -m tools.fuzz.python {options.target} --reproduce {path}")
-    if process.returncode and not found:
-        print(f"the fuzzer ended with {process.returncode}", file=sys.stderr)
-    return 1 if found or process.returncode else 0
-
-
-def child(target: str, arguments: list[str]) -> int:
+def fuzz(options: argparse.Namespace) -> None:
+    """Fuzz until the time is over, or something is found: libFuzzer ends the process, with 0 or another code."""
     import atheris
 
     import arva_hil.model.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
 
-    with atheris.instrument_imports(include=TARGETS[target][1]):
-        body = module(target).fuzz
+    longest, packages = TARGETS[options.target]
+    corpus: Path = options.corpus or ROOT / "build" / "fuzz" / options.target
+    corpus.mkdir(parents=True, exist_ok=True)
+    tempfile.tempdir = str(corpus.parent)  # the target's files stay behind
+    with atheris.instrument_imports(include=packages):
+        target = module(options.target)
+    for number, seed in enumerate(target.seeds()):
+        (corpus / f"{number:04}").write_bytes(seed)
     words = [word.encode() for word in dictionary()]
 
     def rearranged(data: bytes, largest: int, seed: int) -> bytes:
@@ -158,10 +121,11 @@ def child(target: str, arguments: list[str]) -> int:
         r = random.Random(seed)
         return (atheris.Mutate(data, largest) if r.random() < 0.5 else reworded(data, words, r))[:largest]
 
-    mutator = {"custom_mutator": rearranged} if target == "loader" else {}
-    atheris.Setup([sys.argv[0], *arguments], body, **mutator)
+    mutator = {"custom_mutator": rearranged} if options.target == "loader" else {}
+    limits = [f"-max_len={longest}", f"-timeout={SLOWEST_S}", f"-rss_limit_mb={LARGEST_MB}", "-print_final_stats=1"]
+    until = [f"-max_total_time={options.seconds}", f"-seed={options.seed}"]
+    atheris.Setup([sys.argv[0], *until, *limits, str(corpus)], target.fuzz, **mutator)
     atheris.Fuzz()
-    return 0
 
 
 def dictionary() -> list[str]:
@@ -192,7 +156,3 @@ def reworded(data: bytes, words: list[bytes], r: random.Random) -> bytes:
             low, high = sorted((at, other))
             parts[low:low] = parts[low:high][:40]
     return b"".join(parts)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

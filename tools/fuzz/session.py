@@ -203,7 +203,7 @@ class Bench:
         if vehicle is None:
             assert self._ids is None, "the vehicle is forgotten"
             known = session.navigation
-            assert known.track.newest is known.home is known.state_at(self._now, FRAME) is None
+            assert (known.track.newest, known.home, known.state_at(self._now, FRAME)) == (None, None, None)
             return
         ids = vehicle.system, vehicle.component
         assert self._ids in (None, ids), f"the vehicle was {self._ids}, is {ids}"

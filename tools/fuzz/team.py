@@ -61,7 +61,7 @@ class Member:
                 self._now += _STEPS_S[kind // 4 % len(_STEPS_S)]
                 self._step()
             elif kind % 4 == 1:
-                self._at = tuple(self._s.number("b") / scale for scale in (1, 1, 10))  # type: ignore[assignment]
+                self._at = tuple(self._s.number("b") / scale for scale in (1, 1, 10))
             else:
                 sequence = (sequence + 1) % 256
                 self._hear(kind // 4, sequence)

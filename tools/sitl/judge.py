@@ -138,7 +138,9 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
         outcome = json.loads(search.out)
         flight.outcome, flight.how = outcome["outcome"], outcome["how"]
         found = outcome["victims"] or ([outcome["found"] | {"id": outcome["id"]}] if outcome["found"] else [])
-        flight.reported_m = max((off(*one["lat_lon"], {one["id"]: buried[one["id"]]}) for one in found), default=None)
+        flight.reported_m = max(
+            (off(one["lat_lon"][0], one["lat_lon"][1], {one["id"]: buried[one["id"]]}) for one in found), default=None
+        )
     landing = next((n.time_s for n in relay.notes if n.up and orders_landing(n.message)), math.inf)
     begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted or math.inf, landing)
     flight.time_s = (search.lines[-1][0] if search.lines else 0.0) - search.began

@@ -1,6 +1,6 @@
 """Prints the figures of the house: the length of its ways, its largest classes, its statements.
 
-    python -m tools.house
+    python -m tools bench house
 
 A circle is a set of modules that import each other, also inside functions and for type checkers only. A way is followed
 with `sys.setprofile`: the calls of the package's own functions, the files they are in, and how often the next call is
@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final, NamedTuple
 
-ROOT: Final = Path(__file__).parents[1]
+ROOT: Final = Path(__file__).parents[2]
 _OURS: Final = tuple(f"{ROOT / name}/" for name in ("arva_hil", "firmware_proto"))
 _SCENARIO: Final = "transmitters: [{id: 7, ned: [20, 5, 0]}]\nreceiver: {rate_hz: 10}\n"
 
@@ -253,7 +253,3 @@ def main() -> None:
     print("attributes of the largest classes:", ", ".join(f"{name} {count}" for name, count in largest))
     for folder in ("arva_hil", "tests", "tools"):
         print(f"statements of {folder}/: {statements(folder)}")
-
-
-if __name__ == "__main__":
-    main()

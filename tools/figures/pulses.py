@@ -1,26 +1,20 @@
 """Draws the pictures of docs/explanation/pulsed.md into tools/figures.
 
-python tools/receiver_pictures.py [--out DIR]
+python -m tools figures pulses [--out DIR]
 """
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
 
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent.parent))
-
 from arva_hil.model.field.keying import KEYING_CLASSES
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.listening import NoiseDraws
-from tools.paper_figures import MUTED, draw_all, title
-from tools.receiver.one_set import AXIS, EQUATOR, KAPPA_EQ, field, options
-from tools.receiver.several_sets import sets
+from tools.figures.paper import MUTED, draw_all, title
+from tools.figures.sets import AXIS, EQUATOR, KAPPA_EQ, field, options, sets
 
 SIGMA_NA_M: Final = 0.65
 THRESHOLD_NA_M: Final = 2.25
@@ -65,5 +59,5 @@ def overlap(figure: Figure) -> None:
 PICTURES: Final = {"pulsed_distance": bounce, "pulsed_overlap": overlap}
 
 
-if __name__ == "__main__":
+def main() -> None:
     draw_all(PICTURES, __doc__)

@@ -1,7 +1,7 @@
 # ruff: noqa: E501
 """Mistakes in the decoders of firmware_proto, each of which a clause of `conform` must find.
 
-python -m tools.mutants [NAME…]     all 60, or some; exit code 1 if one is not found
+python -m tools fuzz mutants [NAME…]     all 60, or some; exit code 1 if one is not found
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 from arva_hil.bench.clauses import clauses
 from arva_hil.bench.judge import Verdict, judge
 
-ROOT: Final = Path(__file__).parents[1]
+ROOT: Final = Path(__file__).parents[2]
 WIRE: Final = ROOT / "firmware_proto"
 EXAMPLES: Final = ROOT / "docs" / "examples" / "driver"
 PATIENCE_S: Final = 3.0
@@ -151,7 +151,3 @@ def main() -> int:
         print(f"{'found' if why else 'MISSED':6} {mutant.name:30} {mutant.clause:15} {why}", flush=True)
     print(f"{len(chosen)} mutants, {missed} missed")
     return 1 if missed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

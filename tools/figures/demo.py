@@ -1,6 +1,7 @@
-"""Draws README's moving picture of the demo: the page and the terminal's lines at the same times of one flight.
+"""Draws README's picture of the demo, or its moving one: the page and the terminal's lines at the same times.
 
-python tools/demo_film.py [--out docs/pictures/demo.gif]    # needs Chromium, and Playwright for Python
+python -m tools figures demo            # docs/pictures/demo.png: the terminal, and the search's own picture
+python -m tools figures demo --film     # docs/pictures/demo.gif; needs Chromium, and Playwright for Python
 """
 
 from __future__ import annotations
@@ -17,13 +18,54 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from PIL import Image
-from playwright.sync_api import sync_playwright
+from matplotlib import font_manager
+from PIL import Image, ImageDraw, ImageFont
 
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent.parent))
+PICTURES: Final = Path(__file__).parents[2] / "docs" / "pictures"
+ARVA_HIL: Final = [sys.executable, "-m", "arva_hil"]
+COLUMNS: Final = 92
+LINE_PX: Final = 17
+EDGE_PX: Final = 14
+PAPER, INK, DIM, BRIGHT = "#14181f", "#d6dbe3", "#8b95a5", "#f0c674"
+PALETTE: Final = 64  # colours of the file: what keeps it small
 
-from tools.demo_picture import terminal
+
+def demo(folder: Path) -> list[str]:
+    """Fly the demo and record it into a folder; return its output."""
+    command = [*ARVA_HIL, "demo", "--speed", "max", "--record", str(folder)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stderr.splitlines()
+
+
+def shown(lines: list[str]) -> list[str]:
+    """Return the lines for the picture: without places of this machine, and not longer than the terminal."""
+    kept = [line for line in lines if "/" not in line or "quadrotor" in line]
+    return ["$ arva-hil demo", *(line if len(line) <= COLUMNS else line[: COLUMNS - 1] + "…" for line in kept)]
+
+
+def terminal(lines: list[str], width: int) -> Image.Image:
+    """Return the picture of a terminal of this width in pixels with these lines."""
+    path = font_manager.findfont("DejaVu Sans Mono")
+    size = next(
+        s for s in range(20, 6, -1) if ImageFont.truetype(path, s).getlength("0" * COLUMNS) <= width - 2 * EDGE_PX
+    )
+    font = ImageFont.truetype(path, size)
+    image = Image.new("RGB", (width, LINE_PX * len(lines) + 2 * EDGE_PX), PAPER)
+    draw = ImageDraw.Draw(image)
+    for i, line in enumerate(lines):
+        bright = line.startswith(("$", "found", "search: found", "error of "))
+        colour = BRIGHT if bright else DIM if line.startswith(("scenario", "  ", "datum")) else INK
+        draw.text((EDGE_PX, EDGE_PX + i * LINE_PX), line, fill=colour, font=font)
+    return image
+
+
+def picture(lines: list[str], search: Image.Image) -> Image.Image:
+    """Return the terminal above the search's picture."""
+    above = terminal(lines, search.width)
+    whole = Image.new("RGB", (search.width, above.height + search.height), "white")
+    whole.paste(above, (0, 0))
+    whole.paste(search.convert("RGB"), (0, above.height))
+    return whole.quantize(PALETTE, dither=Image.Dither.NONE)
+
 
 SIZE_PX: Final = (1280, 660)  # of the page
 WIDTH_PX: Final = 840
@@ -31,13 +73,12 @@ STEP_S: Final = 1.5  # of the flight, from picture to picture
 SHOWN_MS: Final = 180
 LAST_MS: Final = 4000
 LINES: Final = 6
-PALETTE: Final = 128  # colours of the file
-ARVA_HIL: Final = [sys.executable, "-m", "arva_hil"]
+FILM_PALETTE: Final = 128
 
 
 def flight(folder: Path) -> tuple[float, list[tuple[float, str]]]:
     """Fly the demo and record it into a folder; return its length in seconds, and its messages with their times."""
-    subprocess.run([*ARVA_HIL, "demo", "--speed", "max", "--record", str(folder)], capture_output=True, check=True)
+    demo(folder)
     said, last = [], 0.0
     for line in (folder / "events.jsonl").read_text(encoding="utf-8").splitlines():
         event = json.loads(line)
@@ -49,6 +90,8 @@ def flight(folder: Path) -> tuple[float, list[tuple[float, str]]]:
 
 def pages(folder: Path, times: list[float]) -> Iterator[Image.Image]:
     """Yield the page with the record at each of these times."""
+    from playwright.sync_api import sync_playwright
+
     command = [*ARVA_HIL, "view", str(folder), "--web", "127.0.0.1:0"]
     viewer = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
@@ -80,10 +123,7 @@ def side_by_side(pictures: list[Image.Image]) -> Image.Image:
     return whole
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("docs/pictures/demo.gif"), help="default %(default)s")
-    out: Path = parser.parse_args().out
+def film(out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         end, said = flight(Path(folder) / "record")
         times = [STEP_S * n for n in range(1, int(end / STEP_S))] + [end]
@@ -96,12 +136,20 @@ def main() -> None:
             whole.paste(small, (0, 0))
             whole.paste(below, (0, small.height))
             pictures.append(whole)
-    colours = side_by_side(pictures[::5]).quantize(PALETTE, dither=Image.Dither.NONE)
+    colours = side_by_side(pictures[::5]).quantize(FILM_PALETTE, dither=Image.Dither.NONE)
     first, *rest = [one.quantize(palette=colours, dither=Image.Dither.NONE) for one in pictures]
     shown = [SHOWN_MS] * len(rest) + [LAST_MS]
     first.save(out, save_all=True, append_images=rest, duration=shown, loop=0, optimize=True)
     print(f"{out}: {len(pictures)} pictures, {out.stat().st_size / 1e3:.0f} kB")
 
 
-if __name__ == "__main__":
-    main()
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--film", action="store_true", help="draw the moving picture")
+    if parser.parse_args().film:
+        film(PICTURES / "demo.gif")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        lines = demo(Path(folder) / "record")
+        with Image.open(Path(folder) / "record/search.png") as search:
+            picture(shown(lines), search).save(PICTURES / "demo.png", optimize=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from arva_hil.model.field.keying import Keying
 from arva_hil.model.receiver import Impairment, Look, Pose, Reading, ReceiverModel
 from arva_hil.registry import RECEIVERS
 
-PAPER = {"threshold_na_m": 6.168, "start_s": 0.0, "steps": "cm"}
+PAPER: Final[dict[str, Any]] = {"threshold_na_m": 6.168, "start_s": 0.0, "steps": "cm"}
 """The keys of the paper's receiver: 50 m, three antennas, whole centimetres."""
 
 

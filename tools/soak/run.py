@@ -1,7 +1,6 @@
 """Runs the emulator for hours with faults on, and checks that nothing drifts, grows or gets lost.
 
-    python tools/long_run.py                  # 4 h of emulated time, as fast as it goes
-    python tools/long_run.py --real 1800      # half an hour in real time, over pseudo-terminals
+    python -m tools soak run [--hours 4]      # of emulated time, as fast as it goes
 
 The built-in vehicle flies a square, the emulator follows and records, a consumer reads the frames. The exit code is 1
 after a failure.
@@ -20,7 +19,6 @@ import tempfile
 import time
 from collections import Counter, deque
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -32,14 +30,13 @@ from arva_hil.config import load
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import Event, FrameMade
-from arva_hil.links import Link, memory, open_link
-from arva_hil.links.pty import PtyLink
+from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.records.writing import Recorder
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
-from arva_hil.runtime.loop import run
+from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 
@@ -51,9 +48,8 @@ GUIDED = 4
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenario", default=Path(__file__).parent.parent / "configs" / "faults.yaml", metavar="FILE")
+    parser.add_argument("--scenario", default=Path(__file__).parents[2] / "configs" / "faults.yaml", metavar="FILE")
     parser.add_argument("--hours", type=float, default=4.0, help="of emulated time; default 4")
-    parser.add_argument("--real", type=float, metavar="S", help="of real time instead")
     parser.add_argument("--record", type=Path, metavar="DIR", help="keep the record; default: none is kept")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
@@ -63,32 +59,22 @@ def main() -> None:
 def long_run(options: argparse.Namespace, folder: Path) -> bool:
     """Fly, then check. Return True if all is well."""
     scenario = load(options.scenario)
-    clock: RealClock | StepClock = RealClock() if options.real else StepClock()
-    wall = RealClock()
-    with ExitStack() as stack:
-        ends = pseudo_terminals(stack, clock) if options.real else (*memory.pair(), *memory.pair())
-        autopilot, far, port, reader = ends
-        recorder, watch = Recorder(folder, 0, patient=not options.real), Watch()
-        start = clock.now()
-        until = start + (options.real or options.hours * 3600)
-        vehicle = SimulatedVehicle(HOME, boot_time=start)
-        emulator = Emulator([one_vehicle(scenario, Session())], start=start, tell_packets=True)
-        live = Live(emulator, {"autopilot": autopilot}, {"port": port}, Audience([recorder, watch]))
-        consumer = Consumer(reader, scenario.output_format)
-        gc.freeze()  # as the commands do
-        run([Simulator([vehicle], [far]), Pilot(vehicle), live, consumer, Memory(watch)], clock, until=until)
-        run([consumer], clock, until=clock.now() + 0.5)  # what is still on its way
+    clock, wall = StepClock(), RealClock()
+    (autopilot, far), (port, reader) = memory.pair(), memory.pair()
+    recorder, watch = Recorder(folder, 0, patient=True), Watch()
+    start = clock.now()
+    vehicle = SimulatedVehicle(HOME, boot_time=start)
+    emulator = Emulator([one_vehicle(scenario, Session())], start=start, tell_packets=True)
+    live = Live(emulator, {"autopilot": autopilot}, {"port": port}, Audience([recorder, watch]))
+    consumer = Consumer(reader, scenario.output_format)
+    gc.freeze()  # as the commands do
+    tasks: list[Task] = [Simulator([vehicle], [far]), Pilot(vehicle), live, consumer, Memory(watch)]
+    run(tasks, clock, until=start + options.hours * 3600)
+    run([consumer], clock, until=clock.now() + 0.5)  # what is still on its way
     took = wall.now()
     counts = counters(emulator)
     recorder.close({"scenario": os.fspath(options.scenario), "counters": counts})
     return all([check_time(watch, scenario.receiver.rate_hz, took), *check_counts(counts, consumer, folder, watch)])
-
-
-def pseudo_terminals(stack: ExitStack, clock: Clock) -> tuple[Link, Link, Link, Link]:
-    """Return the lines of autopilot and receiver: near end, far end of each."""
-    fc, port = (stack.enter_context(closing(PtyLink())) for _ in range(2))
-    autopilot, reader = (stack.enter_context(closing(open_link(p.path, clock=clock))) for p in (fc, port))
-    return autopilot, fc, port, reader
 
 
 class Pilot:
@@ -231,7 +217,3 @@ def check_counts(counts: dict[str, Any], consumer: Consumer, folder: Path, watch
         size == consumer.bytes,
         met == watch.met == counted,
     ]
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Prints the outcomes of searches with faults of configs/faults.yaml, and the number of false finds.
 
-    python tools/measure_false_finds.py [--strategy estimate] [--runs 2000] [--first 1] [--faults 3] [--verbose]
+    python -m tools bench finds [--strategy estimate] [--runs 2000] [--first 1] [--faults 3] [--verbose]
 
 Each run draws transmitters within ±40 m, up to 2 m deep, and up to three faults, each for all the time or for a part
 of it. A find is false that is more than 3 m from the true place. A transmitter that a fault has moved is where it was,
@@ -32,7 +32,7 @@ from arva_hil.simulated.closed_loop import ClosedLoop, Drone
 
 FALSE_M: Final = 3.0
 _LIMIT_S: Final = 300.0
-_FAULTS: Final = Path(__file__).parents[1] / "configs" / "faults.yaml"
+_FAULTS: Final = Path(__file__).parents[2] / "configs" / "faults.yaml"
 _SCHEDULE_S: Final = (5.0, 50.0)  # when a fault begins
 _LASTS_S: Final = (2.0, 40.0)
 _ALWAYS: Final = 0.4  # of the faults, if the search can work with it at all
@@ -141,7 +141,3 @@ def tell(one: Flown, verbose: bool) -> Flown:
 
 def counted(kinds: Iterable[str]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in Counter(kinds).most_common())
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Prints every figure that the receiver of pulses must reproduce: computed, expected, and its source.
 
-    python tools/receiver_figures.py
+    python -m tools figures receivers
 
 Ours: the figure follows from a profile of this project alone, and no source confirms it. The sources behind the others
 are in docs/explanation/pulsed.md. Exit code 1 if a figure is outside its tolerance.
@@ -9,17 +9,12 @@ are in docs/explanation/pulsed.md. Exit code 1 if a figure is outside its tolera
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from arva_hil.model.field.keying import KEYING_CLASSES, Keying, KeyingClass
 from arva_hil.model.field.medium import Medium, skin_depth_m
@@ -28,9 +23,8 @@ from arva_hil.model.receiver import Answer, Look, Pose
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.noise import draw_noise, noise_bound
 from arva_hil.model.receiver.paper import Antennas, PaperReceiver
-from tools.receiver.hovering import PAPER, Hovering, transmitters
-from tools.receiver.one_set import AXIS, EQUATOR, KAPPA_EQ, field, highest, options, reach, shown_at
-from tools.receiver.several_sets import novice, overlap, sets
+from tools.figures.hovering import PAPER, Hovering, transmitters
+from tools.figures.sets import AXIS, EQUATOR, KAPPA_EQ, field, highest, novice, options, overlap, reach, sets, shown_at
 
 NORM: Final = "EN 300 718-1 as quoted [S2][S3][S4]"
 EN_282: Final = "EN 282:1991 [S1]"
@@ -81,7 +75,7 @@ def spike() -> Iterator[Row]:
     at = float(tilts[int(np.argmax(every))])
     yield Row("spike, 3 antennas, largest, depths", max(every), 0.250, 0.005, f"{PHYSICS}; {AYUSO}")
     yield Row("spike, 3 antennas, largest at a tilt of, °", at, 12.75, 0.5, PHYSICS)
-    for tilt, share in [(0.0, every[0]), (90.0, every[-1])]:
+    for tilt, share in ((0, every[0]), (90, every[-1])):
         yield Row(f"spike, 3 antennas, dipole at {tilt:g}°, depths", share, 0.0, 0.005, PHYSICS)
 
 
@@ -253,7 +247,3 @@ def main() -> int:
             )
     print(f"    {novices()} (reported only; people and sets in Davos 2012: about 30 % [S10])")
     return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Searches over the built-in vehicle with one sensor that lies: the true height, and the end of each flight.
 
-    python tools/lying_sensors.py [--runs 500] [--clean 100] [--seed 0]
+    python -m tools fuzz sensors [--runs 500] [--clean 100] [--seed 0]
 
 Each flight has one lie (offset, factor, stuck, noise, limit, dropouts, late, drift, reset) in one sensor (rangefinder,
 barometer, altitude, gps) from a random moment on. The true height must not fall below half of the one wanted before the
@@ -13,16 +13,11 @@ from __future__ import annotations
 import argparse
 import math
 import random
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
-
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from arva_hil.clock import StepClock
 from arva_hil.config import parse
@@ -302,8 +297,10 @@ def lying(seed: int) -> tuple[str, Report]:
     lie = random_lie(r, WAYS[seed % len(WAYS)])
     sensors = SENSORS if lie.sensor == "rangefinder" else r.choice([SENSORS, BAROMETER])
     gps = r.choice([0.0, 0.5])
-    settings = {"strategy": r.choice(QUICK), "limit_s": LIE_S}
-    flight = Flight(lie, victim=victim(r), seed=seed, sensors=sensors, gps_noise_m=gps, **settings)
+    strategy = r.choice(QUICK)
+    flight = Flight(
+        lie, victim=victim(r), seed=seed, sensors=sensors, gps_noise_m=gps, strategy=strategy, limit_s=LIE_S
+    )
     which = "" if sensors == SENSORS else " without a rangefinder"
     return f"{lie.sensor} {lie.kind} {lie.size:.3g} from {lie.from_s:.0f} s{which}, gps {gps:g}", flight.report()
 
@@ -358,7 +355,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{name}: {count} flights, {failed} failures; {outcomes}; CPU {time.process_time() - begun:.0f} s")
         failures += failed
     return int(failures > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

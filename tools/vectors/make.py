@@ -1,27 +1,20 @@
 """Write firmware_proto/vectors.json, the test data for a codec in any language.
 
-tools/vectors makes its contents without a codec.
-
-    python tools/make_vectors.py            write the file
-    python tools/make_vectors.py --check    exit 1 if the file differs
+Its contents are made without a codec: python -m tools vectors
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
-
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from tools.vectors import frames, messages, streams
 from tools.vectors.by_hand import crc
 
-FILE = Path(__file__).parent.parent / "firmware_proto" / "vectors.json"
+FILE = Path(__file__).parents[2] / "firmware_proto" / "vectors.json"
 ABOUT = [
-    "Made by tools/make_vectors.py; do not edit. The protocol is PROTOCOL.md.",
+    "Made by `python -m tools vectors`; do not edit. The protocol is PROTOCOL.md.",
     "crc: CRC-16/MCRF4XX of `hex`.",
     "frames: encode gives `hex`, `nmea` and `text`; decoding `hex` gives the frame back. `named`: name and value of",
     "each message, NAMED_VALUE_INT in the form named, NAMED_VALUE_FLOAT in named_float. An id of null is 255",
@@ -50,18 +43,5 @@ def vectors() -> str:
     return '{\n"version": 1,\n' + ",\n".join(lists) + "\n}\n"
 
 
-def main(arguments: list[str]) -> int:
-    if arguments not in ([], ["--check"]):
-        print(__doc__, file=sys.stderr)
-        return 2
-    text = vectors()
-    if not arguments:
-        FILE.write_text(text, encoding="utf-8")
-    elif not FILE.exists() or FILE.read_text(encoding="utf-8") != text:
-        print(f"{FILE.name} is out of date: run python tools/make_vectors.py", file=sys.stderr)
-        return 1
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+def main() -> None:
+    FILE.write_text(vectors(), encoding="utf-8")

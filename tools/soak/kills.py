@@ -1,6 +1,6 @@
 """Ends `run`, `search`, `replay` and `campaign` at random moments, and checks that they leave nothing behind.
 
-    python -m tools.random_kills [--kills 200] [--seed 1]
+    python -m tools soak kills [--kills 200] [--seed 1]
 
 A quarter of the programs gets SIGKILL, the others SIGINT or SIGTERM, alone or with all their processes, as from a
 terminal. After each end no process of it may be left; after a signal also no symlink and no unfinished file, no
@@ -36,7 +36,7 @@ from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Channel, Frame, encode
 from tests.free_ports import free_port
 
-ROOT: Final = Path(__file__).parents[1]
+ROOT: Final = Path(__file__).parents[2]
 COMMANDS: Final = ("run", "search", "search", "replay", "campaign")
 LATEST_S: Final = 2.0  # after the moment from which the delay counts: the start of the process, or one of these words
 WORDS: Final = {
@@ -205,7 +205,3 @@ def main(words: list[str] | None = None) -> int:
         print("\n".join(seat.wrong))
     print(f"{begun.now():.0f} s")
     return 1 if any(seat.wrong for seat in seats) else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,7 @@
 """Measures our speed and that of other libraries, and prints one table.
 
-    python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE]
-                          [model streams live loops starts limits fleet]
+    python -m tools bench --flight px4.tlog [--json FILE] [--check BASELINE]
+                          [model streams live loops starts fleet]
 
 `--check` lists the rows that are slower than in a file of `--json`; the exit code is then 1, also if no row can be
 compared. It also lists differences of machine, Python and commit. Each cost is the least of several measurements, of
@@ -50,12 +50,6 @@ def _loops(_: argparse.Namespace) -> Iterator[Row]:
     return starts.loops()
 
 
-def _limits(options: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import limits
-
-    return limits.rows(options.flight)
-
-
 def _fleet(options: argparse.Namespace) -> Iterator[Row]:
     from tools.bench import fleet
 
@@ -68,17 +62,14 @@ _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "live": _live,
     "loops": _loops,
     "starts": _starts,
-    "limits": _limits,
     "fleet": _fleet,
 }
-_NEED_FLIGHT = ("streams", "live", "starts", "limits")
+_NEED_FLIGHT = ("streams", "live", "starts")
 _LEAST_S = 5.0  # shortest live flight, without its start
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m tools.bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(_GROUPS)}; default: all")
     parser.add_argument("--flight", type=Path, metavar="FLIGHT.tlog", help="a recorded flight at 50 Hz")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each live flight; default 20")
@@ -125,7 +116,3 @@ def _told(rows: Iterator[Row]) -> Iterator[Row]:
     for row in rows:
         print(row.line(), file=sys.stderr, flush=True)
         yield row
-
-
-if __name__ == "__main__":
-    sys.exit(main())

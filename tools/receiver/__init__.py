@@ -1,1 +1,0 @@
-"""Measured receivers of pulses: the common part of receiver_figures.py and receiver_pictures.py."""
