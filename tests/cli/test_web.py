@@ -347,7 +347,7 @@ STATES = {(True, True): "marked", (True, False): "found", (False, True): "not su
 ENDS = [
     ((noted(1, 1, 0.4), noted(2, 2, 0.0)), "good", "2 of 2 found", ["0.4 m off, 33 s, marked", "less than 1 cm off"]),
     ((noted(1, 1, 0.4),), "warn", "1 of 2 found", ["0.4 m off", "Transmitter 2\nnot found: not received"]),
-    ((HEARD, noted(1, 1, 0.4, marked=False)), "warn", "1 of 2 found", ["33 s", "2\nnot found: received, not found"]),
+    ((HEARD, noted(1, 1, 0.4, marked=False)), "warn", "1 of 2 found", ["33 s", "2\nnot found, but received"]),
     ((noted(1, 1, 0.4), noted(2, 2, 6.0, sure=False)), "warn", "1 of 2 found, 1 not sure", ["marked", "not sure: the"]),
     ((), "bad", "Not found", ["1\nnot found: not received", "2\nnot found: not received"]),
 ]
@@ -469,9 +469,9 @@ def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab) -> None:
     try:
         tab.open(page.address.url)
         label = str(tab.page.locator("#map").get_attribute("aria-label"))
-        assert "vehicle last seen 42 s ago, 42 m NE of home" in label
+        assert "vehicle last known 42 s ago, 42 m NE of home" in label
         assert tab.page.evaluate(PLACED) == ["21.9 m S, 0.0 m E", "0.0 m N, 3.0 m W"]
-        assert "last seen there" in tab.text("#legend")
+        assert "last known place" in tab.text("#legend")
     finally:
         page.close()
 

@@ -25,6 +25,7 @@ PHASES: Final[dict[type[Event], str]] = {
     searches.SearchPaused: "hovering",
     searches.SearchResumed: "searching",
     searches.PlaceFound: "place found",
+    searches.VictimNoted: "searching",
     searches.DescentBegun: "descending",
     searches.SearchEnded: "ended",
 }

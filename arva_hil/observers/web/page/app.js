@@ -1,4 +1,4 @@
-// Asks for what is new a few times a second, and hands it to the parts of the page.
+// Requests the changes a few times a second, and updates the parts of the page.
 
 import { checks, showChecks, showCounters, showEvents, showSearch, showTeam } from "./health.js";
 import { showDisplay } from "./display.js";
@@ -7,7 +7,7 @@ import { searched, showMap, vehicleAt, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
 import { lesson, mark } from "./lesson.js";
 import { Player } from "./player.js";
-import { hearTone, setTone } from "./tone.js";
+import { setTone, updateTone } from "./tone.js";
 import { E, IN_WORDS, N, Store, T, YAW, away, clock, el, forgetColours, placed } from "./store.js";
 
 const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, ENDED_MS = 3000, PLOT_MS = 500;
@@ -36,7 +36,7 @@ async function poll() {
     const taken = store.take(state);
     player.vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
     if (state.span && !player.span) player.line = await ask("timeline.json");
-    player.take(state); // first, so that the events can be clicked
+    player.take(state); // before the events, which are buttons if there is a player
     if (!taken) store.version = 0;
     else if (state.version !== before || !plotted) show();
     if (state.field !== field.version && state.field !== fieldAsked) {
@@ -45,7 +45,7 @@ async function poll() {
       show();
     }
     if (stale() || !plotted) show();
-    if (state.ended) pause = ENDED_MS; // the next run may be at the same address
+    if (state.ended) pause = ENDED_MS; // the next run may have the same address
     document.documentElement.dataset.ready = "true";
   } catch {
     failures += 1;
@@ -60,7 +60,7 @@ async function poll() {
 
 const points = () => store.points.get(chosen) ?? [];
 
-// Seconds from one reading to the next, by the last few.
+// Return the time between readings, seconds, from the last few.
 function period(every) {
   const last = every.slice(-6);
   return last.length < 2 ? 1 : (last.at(-1)[T] - last[0][T]) / (last.length - 1);
@@ -90,7 +90,7 @@ function show() {
   $("device-name").textContent = store.keys.length > 1 ? chosen : "";
   showChoice();
   showDisplay(last, old, state.receivers.find((one) => `${one.vehicle}/${one.name}` === chosen)?.frames);
-  hearTone(last, old);
+  updateTone(last, old);
   showChecks(checks(state, every, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
   showEvents(store.events, player.span ? (time) => player.go(time) : null);
@@ -112,7 +112,7 @@ function show() {
   if (performance.now() - plotted > PLOT_MS || state.ended) { plotted = performance.now(); showPlots(every, shown); }
 }
 
-// One for each vehicle: its chosen receiver, or its first. `ghost`: where it was seen last, if it is not seen any more.
+// Return each vehicle with its chosen receiver, or its first. `ghost`: its last place if it is lost, else null.
 function vehicles() {
   const found = new Map(), state = store.state;
   for (const [key, every] of store.points) {
@@ -129,16 +129,16 @@ function ghostOf(state, name, every) {
   const waited = old ? (performance.now() - newestAt) / 1000 : 0, age = Math.max(0, (state.at ?? Math.max(state.time_s, last[T])) - placed[T]) + waited;
   const search = state.team.find((one) => one.vehicle === name) ?? state.search, from = search?.take_off ?? [0, 0];
   const seen = age < 100 ? `${age.toFixed(0)} s` : `${(age / 60).toFixed(0)} min`;
-  return { place: [placed[N], placed[E], placed[YAW] ?? 0], words: `last seen ${seen} ago, ${away([placed[N] - from[0], placed[E] - from[1]])} ${search ? "take-off" : "home"}` };
+  return { place: [placed[N], placed[E], placed[YAW] ?? 0], words: `last known ${seen} ago, ${away([placed[N] - from[0], placed[E] - from[1]])} ${search ? "take-off" : "home"}` };
 }
 
-// Of vehicles with homes of their own each has its own transmitters: those of the chosen one.
+// Return the transmitters of the chosen vehicle: vehicles with homes of their own have their own.
 function own(transmitters) {
   const vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
   return transmitters.filter((one) => one.of.includes(vehicle) || !chosen);
 }
 
-// Of several searches that of the chosen vehicle.
+// Return the search of the chosen vehicle.
 function mine(state) {
   const vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
   return state.team.find((one) => one.vehicle === vehicle) ?? state.search;
@@ -160,9 +160,9 @@ function showChoice() {
   $("receiver").value = chosen;
 }
 
-// Each sign on the map: its words and the path of a line; the class has its colour.
+// Signs of the map: label, and path of a line; its class has the colour.
 const SIGNS = {
-  vehicle: ["vehicle, receiver", "M5 1L17 13M17 1L5 13M11 1v5"], track: ["track", "M0 10Q8 0 22 5"], ghost: ["last seen there", "M11 0a7 7 0 1 0 .1 0"],
+  vehicle: ["vehicle, receiver", "M5 1L17 13M17 1L5 13M11 1v5"], track: ["track", "M0 10Q8 0 22 5"], ghost: ["last known place", "M11 0a7 7 0 1 0 .1 0"],
   bearing: ["direction, or opposite", "M0 7H22M17 3l5 4-5 4"], home: ["take-off", "M6 2h10v10H6z"],
   transmitter: ["transmitter, dipole", "M2 7H20M16 3l4 4-4 4"], flux: ["flux line", "M0 12Q11-4 22 12"], equal: ["equal d", "M0 7H22"],
   mid: ["within 50 m", "M2 7H20"], inner: ["inner zone", "M2 7H20"],
@@ -171,7 +171,7 @@ const SIGNS = {
 };
 
 function showLegend(state, shown) {
-  const search = mine(state), lines = shown && field.transmitters.length, every = vehicles();
+  const search = mine(state), lines = shown && field.transmitters.length, every = vehicles().filter((one) => one.points.some((point) => point[N] !== null));
   const wanted = Object.keys(SIGNS).filter((name) => ({
     vehicle: every.some((one) => !one.ghost), track: every.length, ghost: every.some((one) => one.ghost), bearing: every.length, home: search,
     transmitter: shown && state.transmitters.length, flux: lines, equal: lines, mid: lines, inner: lines,
@@ -191,7 +191,7 @@ function showLegend(state, shown) {
   }));
 }
 
-// A link to what is shown: the time and the receiver.
+// Put time and receiver into the address, so that it can be sent to others.
 function showLink(state) {
   const parts = new URLSearchParams({ ...(player.span && !player.playing && state.at !== undefined ? { t: state.at.toFixed(2) } : {}), ...(store.keys.length > 1 ? { r: chosen } : {}) });
   const hash = parts.size ? `#${parts}` : "";
@@ -200,7 +200,7 @@ function showLink(state) {
 
 function showBanner() {
   const ended = store.state?.ended;
-  const words = ended ? ($("outcome").hidden ? `The run is over: ${ended}` : "") : failures >= 2 ? "No connection: the program has ended, or the network is away. What you see is old." : "";
+  const words = ended ? ($("outcome").hidden ? `The run is over: ${ended}` : "") : failures >= 2 ? "No connection: the program has ended, or the network is down. The page has the last known state." : "";
   $("banner").hidden = !words;
   $("banner").dataset.level = ended ? (store.state.failed ? "bad" : "info") : "warn";
   if ($("banner").textContent !== words) $("banner").textContent = words;
@@ -217,12 +217,12 @@ $("sound").addEventListener("click", () => {
   $("sound").setAttribute("aria-pressed", on);
   setTone(on);
 });
-// The receiver alone fills the screen.
+// Fill the screen with the receiver.
 function setFull(on) {
   document.documentElement.classList.toggle("full", on);
   $("full").setAttribute("aria-pressed", on);
   $("full").textContent = on ? "Close" : "Large";
-  if (on) document.documentElement.requestFullscreen?.().catch(() => {}); // not every browser may
+  if (on) document.documentElement.requestFullscreen?.().catch(() => {}); // some browsers refuse
   else if (document.fullscreenElement) document.exitFullscreen();
   show();
 }
@@ -230,7 +230,7 @@ $("full").addEventListener("click", () => setFull($("full").textContent === "Lar
 document.addEventListener("fullscreenchange", () => { if (!document.fullscreenElement && $("full").textContent === "Close") setFull(false); });
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select")) return;
-  if (event.key === " " && !event.target.matches("button, summary, a, [role=button]") && player.span) { player.play(!player.playing); event.preventDefault(); return; }
+  if (event.key === " " && !event.target.matches("button, summary, a") && player.span) { player.play(!player.playing); event.preventDefault(); return; }
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
   if (step && player.span && event.target.id !== "map") { player.go(player.at + step * period(points())); event.preventDefault(); return; }
   if (event.key === "r" || event.key === "R") $("full").click();
@@ -241,12 +241,12 @@ document.addEventListener("keydown", (event) => {
 $("mark").addEventListener("click", () => {
   if (!store.state?.lesson) return;
   mark(store.state, points().at(-1));
-  store.state.search = null; // it has one more
+  store.state.search = null; // it is made again, with this mark
   show();
 });
 function choose(key) { chosen = $("receiver").value = key; plotted = 0; show(); }
 $("receiver").addEventListener("change", () => choose($("receiver").value));
-// A click on a vehicle chooses its receiver; a drag moves the map.
+// Choose the receiver of a vehicle by a click; a drag moves the map.
 let pressed = null;
 $("map").addEventListener("pointerdown", (event) => { pressed = [event.offsetX, event.offsetY]; });
 $("map").addEventListener("pointerup", (event) => {

@@ -1,6 +1,6 @@
-// The receiver's display, as rescuers know it: distance, arrow with its ambiguity, zone, channels.
+// The display of the receiver, as on a transceiver: distance, arrow with its ambiguity, zone, channels.
 
-import { AGE, CM, DELTA, ID, RANGE, SEQ, SLOTS, T, ZONE, el, signOf } from "./store.js";
+import { AGE, CM, DELTA, ID, RANGE, SEQ, SLOTS, T, ZONE, el, inTime, signOf } from "./store.js";
 
 const ZONES = ["no signal", "mid", "inner"];
 const WORDS = ["", "distance and direction", "distance only: no direction"];
@@ -26,7 +26,7 @@ export function metres(cm) { return cm < 1000 ? (cm / 100).toFixed(2) : (cm / 10
 
 export function signed(degrees) { return `${degrees < 0 ? "−" : "+"}${Math.abs(degrees)}°`; }
 
-// A direction and its opposite are one: the arrow turns the short way, and its solid head stays in front.
+// A direction and its opposite are the same reading: turn the arrow by less than 90°, and keep the solid head in front.
 let turned = 0;
 function turn(degrees) {
   const halves = Math.round((turned - degrees) / 180);
@@ -35,7 +35,7 @@ function turn(degrees) {
   $("heads").setAttribute("transform", halves % 2 ? "rotate(180 120 120)" : "");
 }
 
-// `point`: the newest, undefined if there is none; `stale`: it is an old one; `count`: of all readings.
+// `point`: the newest, undefined without one; `stale`: no new one comes; `count`: number of readings so far.
 export function showDisplay(point, stale, count) {
   const panel = document.querySelector(".device"), best = nearest(point);
   const zone = best ? (best[ZONE] || 1) : 0;
@@ -58,7 +58,7 @@ export function showDisplay(point, stale, count) {
   text($("number"), point ? String(count) : "–");
   $("number").dataset.seq = point ? point[SEQ] : "";
   $("number").dataset.time = point ? point[T] : "";
-  text($("age"), point?.[AGE] == null ? "–" : `${Math.round(point[AGE])} ms`);
+  text($("age"), point?.[AGE] == null ? "–" : inTime(point[AGE]));
   showChannels(slots);
 }
 

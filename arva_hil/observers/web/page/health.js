@@ -1,58 +1,62 @@
-// What is wrong stands out: each check has a level, and the worst one is in the header.
+// Checks with a level and a cure; the worst one is in the header. The state of a search.
 
-import { AGE, LATE, N, clock, el, placed, precise } from "./store.js";
+import { AGE, LATE, N, clock, el, inTime, placed, precise } from "./store.js";
 
 const ORDER = ["good", "warn", "bad"];
 const LEVELS = { info: "info", warning: "warn", error: "bad" };
 const SHORT = { GLOBAL_POSITION_INT: "position", ATTITUDE: "attitude" };
 const QUIET = new Set(["bytes_received", "packets_received", "packets_ignored"]);
-const LATE_MS = 50; // as the emulator
+const LATE_MS = 50; // the emulator warns at the same value
 const $ = (id) => document.getElementById(id);
 let shownEvents = "";
 
+const notFound = (label) => ["bad", label, "not found yet", "is it powered, and the address of its link right? See arva-hil doctor"];
+
+// Rows of [level, name, value, cure] for the newest readings.
 function readingChecks(state, every, stale) {
-  const rows = [], point = every.at(-1);
-  if (point) {
-    const age = point[AGE];
-    if (point[N] === null) rows.push([state.kind === "search" ? "good" : "bad", "pose", state.kind === "search" ? "on the ground" : "none", state.kind === "search" ? "" : "frames say no signal"]);
-    else rows.push([age > 1000 ? "warn" : "good", "pose", age === null ? "there" : `${Math.round(age)} ms old`, age > 1000 ? "raise the rate of the autopilot's position, or use a faster link" : ""]);
-  } else rows.push(["warn", "reading", "none yet"]);
+  const point = every.at(-1), rows = [];
+  if (!point) return [["warn", "reading", "none yet", state.kind === "search" ? "is the receiver on, and the address of its link right?" : ""]];
+  const age = point[AGE], late = Math.max(...every.slice(-10).map((one) => one[LATE] ?? 0));
+  if (point[N] !== null) rows.push([age > 1000 ? "warn" : "good", "pose", age === null ? "known" : `${inTime(age)} old`, age > 1000 ? "raise the rate of the autopilot's position, or use a faster link" : ""]);
+  else if (state.kind === "search") rows.push(["good", "pose", "on the ground"]);
+  else rows.push(["bad", "pose", "none", "until the autopilot sends its position, frames have no signal"]);
   if (stale) rows.push(["bad", "reading", "no new one", "does the autopilot still send its position? See its streams and links"]);
-  const late = Math.max(0, ...every.slice(-10).map((one) => one[LATE] ?? 0));
-  if (late > LATE_MS) rows.push(["warn", "frames late", `up to ${late.toFixed(0)} ms`, "this computer has more to do than it can: end other programs, or lower --rate"]);
+  if (late > LATE_MS) rows.push(["warn", "frames late", `up to ${inTime(late)}`, "this computer is overloaded: end other programs, or lower --rate"]);
   return rows;
 }
 
-// Rows of [level, name, value, why]; those of the reading stand below its vehicle.
-export function checks(state, every, stale, name) {
-  const rows = [];
-  const own = name?.split("/")[0];
-  for (const vehicle of state.vehicles) {
-    const label = state.vehicles.length > 1 ? vehicle.name : "vehicle";
-    if (vehicle.silent) rows.push(["bad", label, "no heartbeat", `${vehicle.label}: is it powered, and in range of its link?`]);
-    else rows.push([vehicle.label ? "good" : "bad", label, vehicle.label || "not found yet"]);
-    const many = state.vehicles.length > 1;
-    for (const [level, what, value, cure] of vehicle.checks) {
-      if (vehicle.name === own || !many || level !== "good") rows.push([level, many ? `${vehicle.name}: ${what}` : what, value, cure]);
-    }
-    if (vehicle.name !== own && many) continue;
-    for (const stream of vehicle.streams) {
-      const asked = stream.asked_hz, slow = asked ? stream.hz < 0.5 * asked : stream.hz < 2;
-      rows.push([slow ? "warn" : "good", SHORT[stream.name] ?? stream.name.toLowerCase(), `${stream.hz.toFixed(0)} Hz${asked ? ` of ${asked.toFixed(0)}` : ""}`, slow ? "the link is too slow, or another program sets the rate: arva-hil doctor" : ""]);
-    }
-    for (const receiver of vehicle.receivers) {
-      rows.push([receiver.dropped ? "warn" : "good", state.receivers.length > 1 ? `frames of ${receiver.name}` : "frames", String(receiver.frames - receiver.dropped), receiver.dropped ? `${receiver.dropped} dropped: nobody read them` : ""]);
-    }
-    if (vehicle.name === own) rows.push(...readingChecks(state, every, stale));
-  }
-  if (!state.vehicles.some((vehicle) => vehicle.name === own)) rows.push(...readingChecks(state, every, stale));
+// Rows of [level, name, value, cure] for vehicles, links and faults. The chosen vehicle has all its rows, another one
+// only its faulty ones.
+export function checks(state, every, stale, receiver) {
+  const many = state.vehicles.length > 1, own = receiver?.split("/")[0];
+  const rows = state.vehicles.flatMap((vehicle) => vehicleChecks(vehicle, many, vehicle.name === own || !many, state.receivers.length > 1));
+  if (!state.vehicles.length && state.kind !== "view") rows.push(notFound("vehicle"));
+  rows.push(...readingChecks(state, every, stale));
   for (const link of state.links) {
     const lost = link.losses ? `lost ${link.losses} ×` : "";
-    rows.push([link.open ? (link.losses ? "warn" : "good") : "bad", link.name, link.open ? lost || "open" : "lost", link.open ? "" : link.why]);
+    rows.push(link.open ? [lost ? "warn" : "good", link.name, lost || "open"] : ["bad", link.name, "lost", link.why]);
   }
-  const met = new Set(state.receivers.flatMap((receiver) => receiver.faults));
+  const met = new Set(state.receivers.flatMap((one) => one.faults));
   if (met.size) rows.push(["warn", "faults on", [...met].join(", ")]);
   else if (state.planned_faults.length) rows.push(["good", "faults", `${state.planned_faults.length} planned`, state.planned_faults.join("; ")]);
+  return rows;
+}
+
+function vehicleChecks(vehicle, many, whole, named) {
+  const label = many ? vehicle.name : "vehicle", rows = [];
+  if (vehicle.silent) rows.push(["bad", label, "no heartbeat", `${vehicle.label}: is it powered, and in range of its link?`]);
+  else rows.push(vehicle.label ? ["good", label, vehicle.label] : notFound(label));
+  for (const [level, what, value, cure] of vehicle.checks) {
+    if (whole || level !== "good") rows.push([level, many ? `${vehicle.name}: ${what}` : what, value, cure]);
+  }
+  if (!whole) return rows;
+  for (const { name, hz, asked_hz: asked } of vehicle.silent ? [] : vehicle.streams) {
+    const slow = asked ? hz < 0.5 * asked : hz < 2;
+    rows.push([slow ? "warn" : "good", SHORT[name] ?? name.toLowerCase(), `${hz.toFixed(0)} Hz${asked ? ` of ${asked.toFixed(0)}` : ""}`, slow ? "the link is too slow, or another program sets the rate: arva-hil doctor" : ""]);
+  }
+  for (const { name, frames, dropped } of vehicle.receivers) {
+    rows.push([dropped ? "warn" : "good", named ? `frames of ${name}` : "frames", String(frames - dropped), dropped ? `${dropped} dropped: no program reads them` : ""]);
+  }
   return rows;
 }
 
@@ -74,10 +78,10 @@ export function showCounters(state) {
   $("counters").replaceChildren(...rows.flatMap(([name, count]) => [el("dt", {}, name.replaceAll("_", " ")), el("dd", {}, String(count))]));
 }
 
-// The time of an event; in a record a button that shows it.
+// Return the time of an event; in a record a button that goes there.
 function timeOf(time, go) {
   if (!go) return el("time", {}, clock(time));
-  const button = el("button", { type: "button", class: "when", title: "Show this time" }, clock(time));
+  const button = el("button", { type: "button", class: "when", title: "Go to this time" }, clock(time));
   button.addEventListener("click", () => go(time));
   return button;
 }
@@ -90,24 +94,23 @@ export function showEvents(events, go) {
     timeOf(time, go), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, words))));
 }
 
-
-// The standard deviations along the axes of an ellipse, m, and the direction of the first, radians from north.
+// Return the standard deviations along the axes of an ellipse, m, and the direction of the first, radians from north.
 export function axes([nn, ne, ee]) {
   const middle = (nn + ee) / 2, half = Math.hypot((nn - ee) / 2, ne);
   return { a: Math.sqrt(Math.max(0, middle + half)), b: Math.sqrt(Math.max(0, middle - half)), angle: Math.atan2(2 * ne, nn - ee) / 2 };
 }
 
-// Places are from the take-off point; those of a team, which has many, are from the datum, as in the team's table.
-// `share`: of the area that is searched, %.
+// Places are from the take-off point; those of a team are from the datum, because each drone has its own take-off point.
+// `share`: searched part of the area, %.
 export function showSearch(search, truth, transmitters, team, share) {
   $("search").hidden = !search;
   if (!search) return;
   const from = (p) => (team.length ? p : [p[0] - search.take_off[0], p[1] - search.take_off[1]]);
   $("phase").textContent = search.phase;
-  const rows = [["target", search.target === null ? (search.heard.length && search.phase !== "searching" ? "without a number" : "none yet") : `transmitter ${search.target}`]];
+  const rows = search.target === null ? [] : [["target", `transmitter ${search.target}`]];
   if (search.found) {
     rows.push(["place found", placed(from(search.found.place))]);
-    rows.push(["sure", search.found.sure ? "yes" : "no: readings do not agree"]);
+    rows.push(["sure", search.found.sure ? "yes" : "no: the readings do not agree"]);
   } else if (search.mean) {
     rows.push(["estimate", placed(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
   }
@@ -123,7 +126,7 @@ export function showSearch(search, truth, transmitters, team, share) {
   $("belief").replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
 }
 
-// A row for each search of several: its vehicle, what it does, where it is, which transmitter it flies to or has found.
+// A row for each search: its vehicle, its state, its place, and the transmitter that is its target or found.
 export function showTeam(team, points, chosen, choose) {
   $("team").hidden = !team.length;
   if (team.length) $("search").hidden = false;
@@ -133,9 +136,9 @@ export function showTeam(team, points, chosen, choose) {
     const key = [...points.keys()].find((each) => each.slice(0, each.lastIndexOf("/")) === one.vehicle);
     const last = points.get(key)?.findLast((point) => point[N] !== null), id = one.found?.id ?? one.target;
     const number = id === null ? "" : String(id), found = one.found ? `${number} ${one.found.sure ? "found" : "not sure"}` : number;
-    const name = el("span", key ? { role: "button", tabindex: "0", "data-key": key } : {}, one.vehicle);
+    const name = el("button", { type: "button", class: "link", "data-key": key ?? "" }, one.vehicle);
+    name.disabled = !key;
     name.addEventListener("click", () => choose(key));
-    name.addEventListener("keydown", (event) => { if (event.key === "Enter") choose(key); });
     return el("tr", key === chosen ? { "aria-current": "true" } : {}, el("th", { scope: "row" }, name),
       el("td", {}, one.phase), el("td", {}, last ? near([last[N], last[N + 1]]) : ""), el("td", {}, found));
   }));

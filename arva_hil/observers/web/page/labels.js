@@ -1,11 +1,11 @@
-// Words on the map. A name stands beside its thing, whole, where it hides no other name and no vehicle.
+// Labels on the map. A label is beside its object, complete, and covers no other label and no vehicle.
 
 import { css } from "./store.js";
 
 export const FONT = "600 12px system-ui, sans-serif";
 const HEIGHT = 16, GAP = 4;
 
-// [dx, dy, align] from a thing of radius `r` to where its name may stand, the best first.
+// [dx, dy, align] from an object of radius `r` to the possible places of its label, the best first.
 export const BESIDE = (r) => [[r, -r, "left"], [-r, -r, "right"], [r, r, "left"], [-r, r, "right"], [0, -r - 8, "center"], [0, r + 8, "center"]];
 export const BELOW = (r) => [[0, r, "center"], [0, -r, "center"], [r, 0, "left"], [-r, 0, "right"]];
 
@@ -28,7 +28,7 @@ function shared([l, t, r, b], [l2, t2, r2, b2]) {
   return Math.max(0, Math.min(r, r2) - Math.max(l, l2)) * Math.max(0, Math.min(b, b2) - Math.max(t, t2));
 }
 
-// The names of one drawing; remembers on which side each stood, so that it does not jump.
+// The labels of one drawing. Remembers the side of each, so that it does not jump.
 export class Names {
   constructor() {
     this.sides = [];
@@ -40,19 +40,20 @@ export class Names {
     this.things = [];
   }
 
-  // No name should hide what is within `r` pixels of (x, y).
+  // Keep labels away from `r` pixels around (x, y).
   avoid(x, y, r) { this.things.push([x - r, y - r, x + r, y + r]); }
 
-  // Nor should it stand under one of the elements over the map.
+  // Keep labels away from an element over the map.
   avoidElement({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) { if (w) this.things.push([x, y, x + w, y + h]); }
 
-  // `spots`: see BESIDE. Names with a smaller `rank` choose first.
+  // Add a label. `spots`: see BESIDE. Labels with a smaller `rank` are placed first.
   add(text, x, y, colour, rank, spots) { this.names.push({ key: this.names.length, text, x, y, colour, rank, spots }); }
 
-  // Where each name stands: {name, x, y, align, box}; `box`: left, top, right, bottom. If no place is free, it hides as little as it can.
+  // Return the place of each label whose object is visible: {name, x, y, align, box}; `box`: left, top, right, bottom.
+  // If no place is free, it covers as little as possible.
   arranged(width, height, measure) {
     const full = [...this.things], inner = [GAP, GAP, width - GAP, height - GAP];
-    return this.names.toSorted((a, b) => a.rank - b.rank).map((name) => {
+    return this.names.filter(({ x, y }) => x >= 0 && y >= 0 && x <= width && y <= height).sort((a, b) => a.rank - b.rank).map((name) => {
       const across = measure(name.text), before = this.sides[name.key] ?? 0;
       let best = null;
       for (const side of [before, ...name.spots.keys()]) {

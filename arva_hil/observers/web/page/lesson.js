@@ -1,16 +1,16 @@
-// A lesson: the true places are hidden, a person marks victims with M, and the end has the score.
+// A lesson: the true places are hidden, a trainee marks victims with M, and the end has the score.
 
 import { N, E, T } from "./store.js";
 
-const GOOD_M = 2; // of a mark: that far from a transmitter
+const GOOD_M = 2; // largest distance of a good mark from a transmitter
 const key = (state) => `marks of ${state.run}`;
-const marks = (state) => JSON.parse(sessionStorage.getItem(key(state)) ?? "[]"); // [time, north, east], also after a reload
+const marks = (state) => JSON.parse(sessionStorage.getItem(key(state)) ?? "[]"); // [time, north, east]; they survive a reload
 
 export function mark(state, point) {
   if (!state.ended && point && point[N] !== null) sessionStorage.setItem(key(state), JSON.stringify([...marks(state), [point[T], point[N], point[E]]]));
 }
 
-// The marks as a search that has found them: at the end each with the nearest transmitter that has no mark yet.
+// Return the marks as a search. At the end each mark gets the nearest transmitter without a mark.
 export function lesson(state) {
   const free = [...state.transmitters], far = [];
   const victims = marks(state).map(([took_s, n, e]) => {
@@ -18,7 +18,7 @@ export function lesson(state) {
     const sure = !state.ended || (best !== undefined && off(best) <= GOOD_M);
     if (best) far.push(off(best));
     free.shift();
-    return { id: best?.id ?? null, place: [n, e], lat_lon: null, took_s, sure, marked: false, left: null };
+    return { id: best?.id ?? null, place: [n, e], lat_lon: null, took_s, sure, marked: true, left: null };
   });
   const mean = far.length ? `mean error ${(far.reduce((a, b) => a + b) / far.length).toFixed(1)} m, ${victims.at(-1).took_s.toFixed(0)} s` : "no mark";
   return {

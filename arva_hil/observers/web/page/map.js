@@ -1,6 +1,6 @@
-// The map: vehicles, tracks, transmitters, the field's lines and the estimate of a search, in local metres.
+// The map: vehicles, tracks, transmitters, the lines of the field and the estimate of a search, in local metres.
 
-import { CM, D, DELTA, E, N, YAW, ZONE, colourOf, css, fixed, shapeOf } from "./store.js";
+import { CM, D, DELTA, E, ID, N, YAW, ZONE, colourOf, css, fixed, shapeOf } from "./store.js";
 import { nearest } from "./display.js";
 import { axes } from "./health.js";
 import { BELOW, BESIDE, FONT, Names, label } from "./labels.js";
@@ -8,9 +8,9 @@ import { View } from "./view.js";
 
 const canvas = document.getElementById("map"), ink = canvas.getContext("2d");
 const still = matchMedia("(prefers-reduced-motion: reduce)");
-const FRAME_MS = 30; // the shortest from one drawing to the next
+const FRAME_MS = 30; // least time between two drawings
 let scene = null, due = false, drawn = 0;
-let names = new Names(), eye = null; // of the map, or of the inset
+let names = new Names(), eye = null; // the view that is drawn: of the map, or of the inset
 const OVER = [document.getElementById("legend"), document.querySelector(".map .tools")];
 const glides = new Map(); // by receiver: from, to, start, length
 
@@ -23,7 +23,7 @@ export function showMap(next) {
   ask();
 }
 
-// The receiver of the vehicle that is drawn there, if there is one.
+// Return the receiver of the vehicle at a pixel; null without one.
 export function vehicleAt(x, y) {
   const near = scene?.vehicles.map((one) => [one.key, one.ghost?.place ?? (glides.get(one.key) && now(glides.get(one.key)))]).filter(([, place]) => place)
     .map(([key, [n, e]]) => [key, Math.hypot(view.x(e) - x, view.y(n) - y)]).sort((a, b) => a[1] - b[1])[0];
@@ -36,7 +36,7 @@ function ask() {
   requestAnimationFrame(draw);
 }
 
-// A vehicle moves between two readings as if it had been seen all the time.
+// Move a vehicle smoothly from one reading to the next.
 function glide(vehicle) {
   const last = vehicle.points.at(-1), known = glides.get(vehicle.key);
   const to = last && last[N] !== null ? [last[N], last[E], last[YAW] ?? 0] : null;
@@ -53,7 +53,7 @@ function now({ from, to, start, length }) {
   return [from[0] + (to[0] - from[0]) * share, from[1] + (to[1] - from[1]) * share, from[2] + turn * share, share < 1];
 }
 
-// The tracks in metres, east and north, as one line.
+// Add the tracks to a drawing, in metres, east and north.
 function trace(on, vehicles) {
   on.beginPath();
   for (const { points } of vehicles) {
@@ -69,11 +69,11 @@ function trace(on, vehicles) {
 
 const small = document.createElement("canvas").getContext("2d", { willReadFrequently: true }), SIDE = 100;
 
-// The share of a search's area within half a strip of a track, %; null if the area is not known.
+// Return the share of a search's area within half a strip of a track, %; null if the area is not known.
 export function searched({ area, strip_m }, vehicles) {
   if (!area || !(strip_m > 0)) return null;
   const [south, west, north, east] = area, across = SIDE / (east - west), along = SIDE / (north - south);
-  small.canvas.width = small.canvas.height = SIDE; // and it is empty
+  small.canvas.width = small.canvas.height = SIDE; // this also clears it
   small.setTransform(across, 0, 0, -along, -west * across, north * along);
   small.lineWidth = strip_m;
   trace(small, vehicles);
@@ -141,7 +141,8 @@ function draw(time) {
   if (scene.background) drawBackground(scene.background);
   if (scene.truth) for (const one of field) drawZones(one);
   drawGrid();
-  if (scene.truth) for (const one of field) drawField(one, field.length < 2);
+  const target = own && nearest(own.points.at(-1))?.[ID];
+  if (scene.truth) for (const one of field) drawField(one, field.length < 2, target);
   if (scene.search) drawSearched(scene.search);
   for (const vehicle of scene.vehicles) drawTrack(vehicle, vehicle === own);
   for (const { found } of scene.team) if (found) drawPlace(...found.place, "found");
@@ -164,7 +165,7 @@ function draw(time) {
   if (moving) ask();
 }
 
-// `one`: whose line it is; its transmitter may have moved since it was drawn.
+// Add a line of the field. `one`: its transmitter, which may have moved since the line was computed.
 function path(line, one, closed = false) {
   const [north, east] = scene.all[one.index].place, n = north - one.place[0], e = east - one.place[1];
   ink.beginPath();
@@ -202,10 +203,10 @@ function nice(metres) {
   return power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10);
 }
 
-const LABELS = [0.625, 0.375, 0.125, 0.875, 0.5, 0, 0.7, 0.3, 0.56, 0.44, 0.2, 0.8]; // where on a line, the best place first
+const LABELS = [0.625, 0.375, 0.125, 0.875, 0.5, 0, 0.7, 0.3, 0.56, 0.44, 0.2, 0.8]; // places on a line, the best first
 function visible(x, y) { return x > 30 && x < eye.width - 50 && y > 60 && y < eye.height - 50; }
 
-function drawField(one, alone) {
+function drawField(one, alone, target) {
   ink.strokeStyle = alone ? css("--field") : colourOf(one.id);
   ink.lineWidth = 0.9;
   ink.globalAlpha = alone ? 0.6 : 0.35;
@@ -216,6 +217,7 @@ function drawField(one, alone) {
   for (const [d, line] of one.equal_d) {
     path(line, one, true);
     ink.stroke();
+    if (!alone && one.id !== target) continue; // labels of several would cover each other
     const at = LABELS.map((share) => Math.floor((line.length / 2 - 1) * share) * 2)
       .find((i) => visible(eye.x(line[i + 1]), eye.y(line[i])) && Math.hypot(line[i] - one.place[0], line[i + 1] - one.place[1]) * eye.scale > 50);
     if (at !== undefined) label(ink, `${d} m`, eye.x(line[at + 1]), eye.y(line[at]), alone ? css("--soft") : colourOf(one.id), "500 11px system-ui, sans-serif", "center");
@@ -236,7 +238,7 @@ function drawTrack(vehicle, own) {
     if (point[N] === null) { pen = false; return; }
     const [n, e] = i === last && place ? place : [point[N], point[E]];
     const px = eye.x(e), py = eye.y(n);
-    if (pen && i !== last && Math.abs(px - x) + Math.abs(py - y) < 1.5) return; // too small to see
+    if (pen && i !== last && Math.abs(px - x) + Math.abs(py - y) < 1.5) return; // less than a pixel or two
     if (pen) ink.lineTo(px, py); else ink.moveTo(px, py);
     [pen, x, y] = [true, px, py];
   });
@@ -264,7 +266,7 @@ function drawTransmitter(one) {
   const shape = new Path2D(shapeOf(one.id));
   ink.lineWidth = 3; ink.lineJoin = "round"; ink.strokeStyle = css("--ground"); ink.stroke(shape); ink.fillStyle = colour; ink.fill(shape);
   ink.restore();
-  if (flat <= 0.2) { disc(x, y, 4, css("--ground")); if (d > 0) disc(x, y, 1.8, colour); } // it stands: an arrow from the front or the back
+  if (flat <= 0.2) { disc(x, y, 4, css("--ground")); if (d > 0) disc(x, y, 1.8, colour); } // a vertical dipole: an arrow from its tip or its tail
   const deep = one.place[2], depth = Math.abs(deep) < 0.05 ? "" : `, ${Math.abs(deep).toFixed(1)} m ${deep > 0 ? "deep" : "up"}`;
   names.avoid(x, y, 8);
   names.add(`Nº ${one.id}${depth}`, x, y, css("--ink"), 1, BELOW(24));
@@ -272,7 +274,7 @@ function drawTransmitter(one) {
 
 function disc(x, y, radius, colour) { ink.beginPath(); ink.arc(x, y, radius, 0, 2 * Math.PI); ink.fillStyle = colour; ink.fill(); }
 
-// A vehicle that is not seen any more, where it was last: dashed, with its age, distance and direction.
+// Draw the last place of a lost vehicle: dashed, with age, distance and direction.
 function drawGhost(vehicle) {
   const [north, east, yaw] = vehicle.ghost.place, x = eye.x(east), y = eye.y(north), colour = css("--warn");
   ink.save();
@@ -294,7 +296,7 @@ function drawVehicle([north, east, yaw], vehicle, own) {
   const x = eye.x(east), y = eye.y(north), best = own ? nearest(vehicle.points.at(-1)) : null;
   ink.save();
   ink.translate(x, y);
-  if (best && best[ZONE] !== 2) drawBearing(yaw + best[DELTA], colourOf(best[0]), best[CM] / 100 * eye.scale);
+  if (best && best[ZONE] !== 2) drawBearing(yaw + best[DELTA], colourOf(best[ID]), best[CM] / 100 * eye.scale);
   ink.rotate((yaw * Math.PI) / 180);
   const colour = own ? css("--ink") : css("--soft"), r = own ? 11 : 9;
   drawFrame(colour, r);
@@ -309,10 +311,10 @@ function drawVehicle([north, east, yaw], vehicle, own) {
   const height = vehicle.points.at(-1)?.[D];
   names.avoid(x, y, 1.3 * r);
   if (scene.vehicles.length > 1) names.add(vehicle.name, x, y, colour, own ? 0 : 3, BESIDE(17));
-  else if (height !== null && height !== undefined) names.add(`${fixed(-height)} m`, x, y, css("--soft"), 0, BESIDE(17));
+  else if (height !== null && height !== undefined) names.add(Math.abs(height) < 0.1 ? "less than 10 cm" : `${fixed(-height)} m`, x, y, css("--soft"), 0, BESIDE(17));
 }
 
-// Arms and rotors of a multirotor.
+// Draw the arms and rotors of a multirotor.
 function drawFrame(colour, r) {
   ink.lineCap = "round";
   for (const [width, style] of [[6, css("--ground")], [2.6, colour]]) {
@@ -325,7 +327,7 @@ function drawFrame(colour, r) {
   }
 }
 
-// Where the receiver points: ahead solid, the opposite way dashed.
+// Draw the direction of the receiver solid, and the opposite direction dashed.
 function drawBearing(degrees, colour, far) {
   const angle = ((degrees - 90) * Math.PI) / 180, length = Math.max(44, Math.min(110, far * 0.6)), c = Math.cos(angle), s = Math.sin(angle);
   ink.strokeStyle = ink.fillStyle = colour;
@@ -381,7 +383,7 @@ function drawPlace(n, e, words) {
   names.add(words, x, y, colour, 2, [[-16, -14, "right"], ...BESIDE(16)]);
 }
 
-// Where the last metres are drawn larger: 5 m around the estimate, once the vehicle is near; null if not at all.
+// Return the inset with 5 m around the estimate; null while the vehicle is not near.
 function near(here) {
   const { found, mean } = scene.search ?? {}, place = found?.place ?? mean;
   if (!place || view.width < 420 || view.scale > 15 || (!found && !(here && Math.hypot(here[0] - place[0], here[1] - place[1]) < 8))) return null;
@@ -427,4 +429,3 @@ function drawScale(right) {
 }
 
 new ResizeObserver(ask).observe(canvas);
-export { ask as redraw };

@@ -1,4 +1,4 @@
-// Answers the page's questions from the data in its own file: a record without a server.
+// Answers the requests of the page from the data in its own file: a record without a server.
 
 import { T } from "./store.js";
 

@@ -1,33 +1,36 @@
-// The outcome of a search: what was found, where, and what is missing; and the list of victims with their marks.
+// The outcome of a search: victims found, their places, what is missing; the list of victims with their marks.
 
+import { metres } from "./display.js";
 import { CM, ID, SLOTS, el, precise, signOf } from "./store.js";
 
 const $ = (id) => document.getElementById(id);
 let shownCard = "";
 
-// The outcome of the searches of a run: null before a search. `transmitters`: their true places, empty if they are hidden.
+// Return the outcome of the searches of a run; null without one. `transmitters`: with true places; empty if hidden.
 export function outcomeOf(state, transmitters) {
   const searches = state.team.length ? state.team : state.search ? [state.search] : [];
   if (!searches.length) return null;
   const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle, doubt: search.doubt ?? "not sure: the readings do not agree" })));
   const heard = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
   const wanted = state.team.length || searches[0].wanted === null ? transmitters.length || null : searches[0].wanted;
-  const found = new Set(victims.map((one, i) => one.id ?? `place ${i}`)), sure = new Set(victims.map((one, i) => (one.sure ? one.id ?? `place ${i}` : null)).filter((id) => id !== null)), count = sure.size;
-  for (const one of victims) {
+  for (const [i, one] of victims.entries()) {
+    one.name = one.id ?? `place ${i}`;
     const real = transmitters.filter(({ id }) => id === one.id || one.id === null).map(({ place: [n, e] }) => Math.hypot(n - one.place[0], e - one.place[1]));
     one.off_m = real.length ? Math.min(...real) : null;
   }
+  const names = (some) => new Set(some.map((one) => one.name)), found = names(victims), count = names(victims.filter((one) => one.sure)).size;
   const lacks = wanted === null ? victims.at(-1)?.left > 0 || !found.size : found.size < wanted;
-  const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, heard.has(id) ? "received, not found" : "not received"]) : [];
+  const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, heard.has(id) ? "not found, but received" : "not found: not received"]) : [];
   const over = Boolean(state.ended) || searches.every((search) => search.ended), unsure = found.size - count;
   const ends = [...new Set(searches.map((search) => search.ended).filter(Boolean))];
   const why = state.failed && !ends.length ? state.ended : ends.filter((words) => words !== "found").join("; ");
-  const title = !searches.some((search) => search.begun) && over ? "No search" : !found.size && over ? "Not found"
-    : wanted === 1 && found.size === 1 ? (unsure ? "Not sure" : "Found") : `${count} ${wanted === null ? "" : `of ${wanted} `}found${unsure ? `, ${unsure} not sure` : ""}`;
+  let title = `${count} ${wanted === null ? "" : `of ${wanted} `}${state.lesson && !over ? "marked" : "found"}${unsure ? `, ${unsure} not sure` : ""}`;
+  if (wanted === 1 && found.size === 1) title = unsure ? "Not sure" : "Found";
+  if (over && !found.size) title = searches.some((search) => search.begun) ? "Not found" : "No search";
   return { over, title, why, victims, missing, level: !found.size ? "bad" : lacks || unsure ? "warn" : "good" };
 }
 
-// The card at the top, once the search is over.
+// Update the card at the top, which appears at the end of the search.
 export function showOutcome(outcome) {
   const key = JSON.stringify(outcome);
   if (key === shownCard) return;
@@ -39,7 +42,7 @@ export function showOutcome(outcome) {
   $("outcome-title").textContent = outcome.title;
   $("outcome-why").textContent = outcome.why;
   $("outcome-list").replaceChildren(...outcome.victims.map(foundRow), ...outcome.missing.map(([id, why]) => el("li", { "data-level": "bad" },
-    el("span", { class: "sign", "aria-hidden": "true" }), el("b", {}, signOf(id), `Transmitter ${id}`), el("span", {}, `not found: ${why}`))));
+    el("span", { class: "sign", "aria-hidden": "true" }), el("b", {}, signOf(id), `Transmitter ${id}`), el("span", {}, why))));
 }
 
 function foundRow(one, i) {
@@ -55,13 +58,13 @@ function foundRow(one, i) {
   return row;
 }
 
-// A page of another computer has no clipboard: then the words are selected, for Ctrl-C or the menu of a phone.
+// Without HTTPS a browser has no clipboard, except on this computer. Then the text is selected for Ctrl-C or a phone's menu.
 async function copy(words, element) {
   getSelection().selectAllChildren(element);
   try { await navigator.clipboard.writeText(words); } catch { document.execCommand("copy"); }
 }
 
-// The list as on a transceiver: marked, found, next, other received transmitters, with the distance of the newest reading.
+// Update the list, as on a transceiver: marked, found, next, other received transmitters, with their newest distance.
 export function showVictims(search, outcome, point) {
   $("count").textContent = outcome && search ? outcome.title : "";
   const slots = (point?.[SLOTS] ?? []).filter((slot) => slot[CM] > 0), rows = new Map();
@@ -69,11 +72,11 @@ export function showVictims(search, outcome, point) {
   if (search && !search.ended && search.target !== null && !rows.has(search.target)) rows.set(search.target, "next");
   for (const slot of slots) if (slot[ID] !== null && !rows.has(slot[ID])) rows.set(slot[ID], "received");
   $("victims").hidden = !rows.size;
-  const metres = (id) => {
+  const away = (id) => {
     const cm = Math.min(...slots.filter((slot) => slot[ID] === id).map((slot) => slot[CM]));
-    return cm < Infinity ? `${(cm / 100).toFixed(1)} m` : "–";
+    return cm < Infinity ? `${metres(cm)} m` : "–";
   };
   $("victims").replaceChildren(...[...rows].map(([id, state]) => el("li", { "data-state": state },
     signOf(typeof id === "number" ? id : null), el("b", {}, typeof id === "number" ? `Nº ${id}` : "Victim"), el("span", {}, state),
-    el("span", { class: "value" }, metres(id)))));
+    el("span", { class: "value" }, away(id)))));
 }

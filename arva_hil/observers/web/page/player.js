@@ -10,11 +10,11 @@ export class Player {
     this.changed = changed;
     this.span = null;
     const wanted = Number.parseFloat(new URLSearchParams(location.hash.slice(1)).get("t"));
-    this.at = Number.isFinite(wanted) ? wanted : null; // of a link
+    this.at = Number.isFinite(wanted) ? wanted : null; // from the address
     this.asked = null;
     this.playing = false;
     this.before = 0;
-    this.window = null; // of time that the slider and the line show
+    this.window = null; // the times at the ends of slider and line
     this.line = { phases: [], faults: [], marks: [], events: [] };
     this.vehicle = "";
     $("longer").addEventListener("click", () => this.zoom(2));
@@ -26,7 +26,7 @@ export class Player {
     $("play").addEventListener("click", () => this.play(!this.playing));
   }
 
-  // Shows another time, seconds.
+  // Go to a time, seconds.
   go(at) {
     if (!this.span) return;
     if (this.playing) this.play(false);
@@ -35,13 +35,13 @@ export class Player {
     this.changed();
   }
 
-  // Goes to the time under a pointer.
+  // Go to the time at a pointer.
   point(event) {
     const { left, width } = $("line").getBoundingClientRect(), [from, to] = this.window;
     this.go(from + ((event.clientX - left) / width) * (to - from));
   }
 
-  // Shows so many times as much time around the chosen one.
+  // Multiply the length of the window around the chosen time.
   zoom(by) {
     const [first, end] = this.span, length = Math.min(end - first, Math.max(2, by * (this.window[1] - this.window[0])));
     const from = Math.min(end - length, Math.max(first, this.at - length / 2));
@@ -58,7 +58,7 @@ export class Player {
     this.changed();
   }
 
-  // The part of a request that says which time; a record begins with its end, so that all of it is seen.
+  // Return the part of a request with the time. A record opens at its end.
   query() {
     if (this.playing) {
       const now = performance.now();
@@ -91,6 +91,6 @@ export class Player {
     $("at").textContent = `${clock(this.at)} of ${clock(this.span[1])}`;
   }
 
-  // Whether another time is wanted than the one that was asked for.
+  // Return true if the chosen time is not the requested one.
   hurried() { return !this.playing && this.at !== this.asked; }
 }

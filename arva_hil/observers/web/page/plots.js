@@ -1,8 +1,8 @@
-// Plots over time: what the receiver says and the true range, the age of the pose, lateness. No signal is a gap.
+// Plots over time: d and the true range, the age of the pose, the lateness of frames. No signal is a gap.
 
 import { AGE, CM, ID, LATE, RANGE, SLOTS, T, clock, colourOf, css, el } from "./store.js";
 
-const MOST_IDS = 6, MOST_POINTS = 1600; // no screen has more
+const MOST_IDS = 6, MOST_POINTS = 1600; // a screen has no more pixels
 const SECONDS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
 const $ = (id) => document.getElementById(id);
 let plots = [], layout = "", span = 0;
@@ -19,7 +19,7 @@ function idsOf(points) {
   return [...known].sort((a, b) => a - b);
 }
 
-// The true range of a transmitter in a reading: an empty slot has it too, if there is only one.
+// Return the true range of a transmitter in a reading; of a single transmitter an empty slot has it too.
 function rangeOf(slots, id, alone) {
   for (const slot of slots) if (slot[ID] === id) return slot[RANGE];
   return alone && slots.length ? slots[0][RANGE] : null;
@@ -37,7 +37,7 @@ export function showPlots(points, truth) {
   }
   const ids = idsOf(points), t = shown.map((point) => point[T]);
   const ranged = truth && shown.some((point) => point[SLOTS].some((slot) => slot[RANGE] !== null));
-  const aged = points.some((point) => point[AGE] !== null), late = points.some((point) => point[LATE] !== null);
+  const aged = points.some((point) => point[AGE] !== null), late = points.some((point) => point[LATE]);
   const wanted = JSON.stringify([ids, ranged, aged, late]);
   if (wanted !== layout) {
     forgetPlots();

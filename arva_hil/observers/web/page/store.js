@@ -1,4 +1,4 @@
-// The data of the page so far, of bounded size: all of the recent data, a part of the older ones.
+// The data of the page, of bounded size: all recent readings, and a part of the older ones.
 
 const RECENT = 1500;
 const MOST = 5000;
@@ -15,7 +15,7 @@ export class Store {
     this.points = new Map(); // by receiver
   }
 
-  // Uses a document of /state.json. Returns false if it is of another run.
+  // Use a document of /state.json. Return false if it is of another run.
   take(state) {
     const same = !this.run || this.run === state.run;
     if (!same && !state.full) return false;
@@ -38,19 +38,19 @@ export class Store {
   get keys() { return [...this.points.keys()]; }
 }
 
-// Every second one of those that are not recent.
+// Return the points without every second one of the old ones.
 function thinned(points) {
   const from = points.length - RECENT;
   return points.filter((_, i) => i >= from || i % 2 === 0);
 }
 
-// The look of a transmitter follows its id, here and in every picture: one of 6 colours and one of 7 shapes, so that 42 in a row differ.
+// Colour and shape of a transmitter follow its id, here and in every picture: 6 colours and 7 shapes, so that 42 ids in a row differ.
 const COLOURS = 6;
 const SHAPES = ["M7 0A7 7 0 1 1-7 0A7 7 0 1 1 7 0Z", "M-6-6H6V6H-6Z", "M0-7.5L7 6H-7Z", "M0-8L8 0 0 8-8 0Z", "M0 7.5L7-6H-7Z", "M0-7.5L7.1-2.3 4.4 6.1-4.4 6.1-7.1-2.3Z", "M7.5 0L3.75 6.5-3.75 6.5-7.5 0-3.75-6.5 3.75-6.5Z"];
 export function colourOf(id) { return css(id === null || id < 0 ? "--soft" : `--c${id % COLOURS}`); }
 export function shapeOf(id) { return SHAPES[id === null || id < 0 ? 0 : id % SHAPES.length]; }
 
-// The sign of a transmitter among words.
+// Return the sign of a transmitter for a line of text.
 export function signOf(id) {
   const sign = document.createElementNS("http://www.w3.org/2000/svg", "svg"), path = document.createElementNS("http://www.w3.org/2000/svg", "path");
   for (const [key, value] of Object.entries({ class: `dot ${id === null || id < 0 ? "" : `look${id % COLOURS}`}`, viewBox: "-8 -8 16 16", "aria-hidden": "true" })) sign.setAttribute(key, value);
@@ -72,13 +72,13 @@ export function clock(seconds) {
   return h ? `${h}:${two(Math.floor(s / 60) % 60)}:${two(s % 60)}` : `${Math.floor(s / 60)}:${two(s % 60)}`;
 }
 
-// A number with `digits` behind the point, with a real minus sign, and no minus before a zero.
+// Return a number with `digits` decimal places, a real minus sign, and no minus before a zero.
 export function fixed(number, digits = 1) {
   const text = Math.abs(number).toFixed(digits);
   return number < 0 && Number(text) ? `−${text}` : text;
 }
 
-// A place as two distances, each with its direction and none with a minus.
+// Return a place as two distances with directions, without a minus.
 export function placed([n, e], digits = 1, [north, south, east, west] = [" m N", " m S", " m E", " m W"]) {
   const one = (m, forth, back) => `${Math.abs(m).toFixed(digits)}${m < 0 && Number(m.toFixed(digits)) ? back : forth}`;
   return `${one(n, north, south)}, ${one(e, east, west)}`;
@@ -86,19 +86,22 @@ export function placed([n, e], digits = 1, [north, south, east, west] = [" m N",
 export const IN_WORDS = [" m north", " m south", " m east", " m west"];
 
 const COMPASS = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
-// A way on the ground, [north, east] in metres, as a distance and a direction.
+// Return a displacement, [north, east] in metres, as a distance and a direction.
 export function away([n, e]) {
   const m = Math.hypot(n, e);
   return m < 0.5 ? "at" : `${m.toFixed(m < 10 ? 1 : 0)} m ${COMPASS[Math.round(Math.atan2(e, n) / (Math.PI / 4) + 8) % 8]} of`;
 }
 
-// An error or uncertainty with its unit, never as 0.0 m.
+// Return an error or uncertainty with its unit, never as 0.0 m.
 export function precise(m, digits) {
   if (m < 0.01) return "less than 1 cm";
   return m < 0.1 ? `${Math.round(100 * m)} cm` : `${m.toFixed(digits)} m`;
 }
 
-// An element with attributes and children; texts are never markup.
+// Return milliseconds with their unit.
+export function inTime(ms) { return ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`; }
+
+// Return an element with attributes and children; texts are never markup.
 export function el(name, attributes = {}, ...children) {
   const made = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);

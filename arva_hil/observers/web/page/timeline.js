@@ -1,11 +1,11 @@
-// The time line of a record: phases, faults, events and marks under the slider; a click or a drag goes there.
+// The time line of a record: phases, faults, events and marks above the slider.
 
 import { clock, el } from "./store.js";
 
 const line = document.getElementById("line");
 let shown = "";
 
-// The share of a window of time at which a time is, as a length.
+// Return the position of a time in a window of time, as a length.
 const at = (time, [from, to]) => `${(100 * (time - from)) / Math.max(1e-3, to - from)}%`;
 
 export function showTimeLine(data, window, time, vehicle) {

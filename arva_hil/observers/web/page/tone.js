@@ -1,4 +1,4 @@
-// Beeps as a receiver does: the nearer, the faster and the higher. On demand, because browsers and people want that.
+// Beeps as a receiver does: faster and higher at a smaller distance. Off at the start, because browsers require a click.
 
 import { CM } from "./store.js";
 import { nearest } from "./display.js";
@@ -13,7 +13,7 @@ export function setTone(on) {
   beep();
 }
 
-export function hearTone(point, stale) { current = stale ? null : nearest(point); }
+export function updateTone(point, stale) { current = stale ? null : nearest(point); }
 
 function beep() {
   let pause = 400;

@@ -1,4 +1,4 @@
-// The visible piece of the ground: drag, wheel, pinch and keys. North is up; metres.
+// The visible part of the ground, in metres, north up: drag, wheel, pinch and keys.
 
 export class View {
   constructor(canvas, changed) {
@@ -50,7 +50,7 @@ export class View {
     this.changed();
   }
 
-  // Shows a box [south, west, north, east] with a margin, beside what covers `left` pixels.
+  // Fit a box [south, west, north, east] with a margin, right of `left` covered pixels.
   frame(box, left) {
     const [south, west, north, east] = box, margin = Math.min(70, this.width * 0.12);
     this.north = (south + north) / 2;
