@@ -19,7 +19,15 @@ from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import HeightOrigin, HeightSource, SensorsDisagree, TooLow
-from arva_hil.search.mission.height_sensors import FRESH_S, Distance, HeightSensors, Odometry, RangeCheck, Survey
+from arva_hil.search.mission.height_sensors import (
+    FRESH_S,
+    Distance,
+    HeightSamples,
+    HeightSensors,
+    Odometry,
+    RangeCheck,
+    Survey,
+)
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Position, towards
 from arva_hil.search.team.team import Teammate
@@ -82,6 +90,66 @@ class _Level:
             self._at = at
 
 
+class _Motion:
+    """The motion by the vehicle's velocity, from `start` on.
+
+    `silent`: the last pose was old. `stalled`: the descent that was ordered at rest [m]. `reported`: the estimated
+    altitude minus the climb [m].
+    """
+
+    def __init__(self) -> None:
+        self.start = Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
+        self.silent = False
+        self.stalled = self.reported = 0.0
+        self._last: Odometry | None = None
+        self._climbs = 0.0  # m/s
+
+    def move(self, now: float, state: VehicleState, ordered: float) -> Odometry:
+        """Continue until now. `ordered`: velocity down [m/s]."""
+        north, east, down = state.position.tolist()
+        v_north, v_east, sinks = state.velocity.tolist()
+        speed, last = math.hypot(v_north, v_east), self._last
+        if last is None:
+            last = Odometry(now, -down, 0.0, speed, (0.0, 0.0))
+            self.start, self._climbs = last, -sinks
+        dt = max(0.0, now - last.time_s)
+        climbed, by_position = last.climbed + dt * (self._climbs - sinks) / 2, -down - self.reported
+        silent, self.silent = self.silent, state.age_s > _SILENT_S
+        if dt > FRESH_S:  # a pause: the velocity meanwhile is not known
+            dt, climbed = 0.0, by_position
+        elif (silent or self.silent) and abs(by_position - climbed) <= _ASTRAY_M:
+            climbed = by_position
+        self._climbs = -sinks
+        rests = ordered > 2 * _AT_REST_M_S and abs(sinks) < _AT_REST_M_S
+        self.stalled = self.stalled + ordered * dt if rests else 0.0
+        self._last = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
+        return self._last
+
+
+class _Terrain:
+    """Remembers the report that was compared last, and whether the database was ever `doubted` in this flight."""
+
+    def __init__(self) -> None:
+        self.doubted = False
+        self._compared: Survey | None = None
+
+    def rise(self, now: float, state: VehicleState, survey: Survey, standing: Survey) -> float | None:
+        """Return the ground by the database, above the take-off point; None if it has ever been doubted.
+
+        `standing`: the report on the ground.
+        """
+        north, east, down = state.position.tolist()
+        to_north = (survey.lat - standing.lat) * _PER_DEGREE_M
+        to_east = (survey.lon - standing.lon) * _PER_DEGREE_M * math.cos(math.radians(standing.lat))
+        rise, height = survey.ground - standing.ground, survey.above - standing.above
+        aside, off = _SURVEY_AGREES_M
+        if survey is not self._compared and now - survey.time_s <= _SURVEY_NEW_S:
+            self._compared = survey
+            agrees = math.dist((north, east), (to_north, to_east)) <= aside and abs(height - (-down - rise)) <= off
+            self.doubted |= not (agrees and abs(rise) <= _STEEPEST * (math.hypot(to_north, to_east) + aside))
+        return None if self.doubted else rise
+
+
 class Ground:
     """Remembers the heights by the autopilot's sensors, and the highest ground that was measured.
 
@@ -95,18 +163,10 @@ class Ground:
         self._tolerance = max(least, min(_SHARE * plan.height, most))
         self._range = RangeCheck(self._tolerance)
         self._levels = {name: _Level() for name in _ERRORS_M}
-        self._motion: Odometry | None = None
-        self._start = Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
-        self._climbs = 0.0  # m/s
-        self._silent = False  # the last pose was old
-        self._checked: tuple[Odometry, float] | None = (
-            None  # the motion at the last checked height, and that height [m]
-        )
-        self._reported = 0.0  # estimated altitude minus the climb
+        self._motion = _Motion()
+        self._terrain = _Terrain()
+        self._checked: tuple[Odometry, float] | None = None  # at the last checked height, and that height [m]
         self._jump = (-math.inf, 0.0, 0.0)  # of the estimated altitude: noted until when, value and expected value
-        self._stalled = 0.0  # descent that was ordered at rest [m]
-        self._compared: Survey | None = None
-        self._doubted = False  # the survey has disagreed with the position in this flight
         self._below: float | None = None  # the last known ground below
         self._source: HeightOrigin | None = None  # the last one reported
         self._disagree: dict[tuple[str, str], float] = {}  # start of the disagreement of each pair
@@ -119,82 +179,59 @@ class Ground:
     def height(self, now: float, state: VehicleState, ordered: float = 0.0) -> Height:
         """Return the height for the flight. `state`: NED from the take-off point. `ordered`: velocity down [m/s]."""
         above = -float(state.position[2])
-        motion, sensors = self._move(now, state, ordered), self._sensors
-        distance, clearance = sensors.distance(now), sensors.clearance(now)
+        motion, samples = self._motion.move(now, state, ordered), self._sensors.samples(now)
+        clearance, margin = samples.clearance, 0.0
         low, high = _MARGIN_M
-        sigma = max(low, min(_SIGMAS * sensors.gps_sigma, high))
-        altitudes = self._altitudes(now, above, motion)
-        measured, margin = self._measured(motion, state, altitudes, distance), 0.0
+        sigma = max(low, min(_SIGMAS * samples.gps_sigma, high))
+        altitudes = self._altitudes(now, above, motion, samples)
+        measured = self._measured(motion, state, altitudes, samples.distance)
         if measured is not None:
             lowest, self._below = measured, above - measured
             self._report("rangefinder", now)
         else:
-            only_gps = sensors.only_gps(now)
-            margin = sigma if only_gps and not self._plan.trust_gps else 0.0
-            lowest = self._unmeasured(now, state, altitudes, 0.0 if only_gps else sigma)
-            if only_gps:
+            margin = sigma if samples.only_gps and not self._plan.trust_gps else 0.0
+            lowest = self._unmeasured(now, state, altitudes, samples, 0.0 if samples.only_gps else sigma)
+            if samples.only_gps:
                 self._report("GPS", now, margin)
         if clearance is not None and (measured is None or measured - clearance > _CLEARANCE_OFF_M):
             lowest = min(lowest, clearance)
         found: dict[tuple[str, str], tuple[float, float]] = {}
-        if distance and (values := self._range.deviation(now)):
+        if samples.distance and (values := self._range.deviation(now)):
             found["rangefinder", "vertical speed"] = values
         if measured is not None and clearance is not None and abs(measured - clearance) > _CLEARANCE_OFF_M:
             found["rangefinder", "autopilot's clearance"] = measured, clearance
         still, doubt = self._compare(now, altitudes, sigma, found)
-        landed = sensors.landed(now) or self._stalled > _CONTACT_M
+        landed = samples.landed or self._motion.stalled > _CONTACT_M
         return Height(lowest, measured is not None, margin, self._below, still or self._range.still, doubt, landed)
 
-    def _move(self, now: float, state: VehicleState, ordered: float) -> Odometry:
-        """Continue the motion until now, by the vehicle's velocity."""
-        north, east, down = state.position.tolist()
-        v_north, v_east, sinks = state.velocity.tolist()
-        speed, last = math.hypot(v_north, v_east), self._motion
-        if last is None:
-            last = Odometry(now, -down, 0.0, speed, (0.0, 0.0))
-            self._start, self._climbs = last, -sinks
-        dt = max(0.0, now - last.time_s)
-        climbed, by_position = last.climbed + dt * (self._climbs - sinks) / 2, -down - self._reported
-        silent, self._silent = self._silent, state.age_s > _SILENT_S
-        if dt > FRESH_S:  # a pause: the velocity meanwhile is not known
-            dt, climbed = 0.0, by_position
-        elif (silent or self._silent) and abs(by_position - climbed) <= _ASTRAY_M:
-            climbed = by_position
-        self._climbs = -sinks
-        self._motion = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
-        rests = ordered > 2 * _AT_REST_M_S and abs(sinks) < _AT_REST_M_S
-        self._stalled = self._stalled + ordered * dt if rests else 0.0
-        return self._motion
-
-    def _altitudes(self, now: float, above: float, motion: Odometry) -> dict[str, float]:
+    def _altitudes(self, now: float, above: float, motion: Odometry, samples: HeightSamples) -> dict[str, float]:
         """Return the altitudes above the take-off point by each sensor [m]. A jump of the estimated one is left out."""
-        change, self._reported = above - motion.climbed - self._reported, above - motion.climbed
+        reported = above - motion.climbed
+        change, self._motion.reported = reported - self._motion.reported, reported
         if abs(change) <= _JUMP_M:
             self._levels["altitude"].offset += change
         else:
             self._jump = now + _NOTED_S, above, above - change
-        known, sensors = ["altitude"], self._sensors
-        if sample := sensors.pressure_altitude(now):
-            self._levels["barometer"].follow(sample[0], sample[1] - motion.climbed, _SMOOTH_S)
-            known.append("barometer")
-        if sample := sensors.gps_altitude(now):
-            self._levels["GPS"].follow(sample[0], sample[1] - motion.climbed)
-            known.append("GPS")
+        known = ["altitude"]
+        for name, sample, smooth_s in ("barometer", samples.pressure, _SMOOTH_S), ("GPS", samples.gps, 0.0):
+            if sample:
+                self._levels[name].follow(sample.time_s, sample.metres - motion.climbed, smooth_s)
+                known.append(name)
         return {name: motion.climbed + self._levels[name].offset for name in known}
 
     def _measured(
         self, motion: Odometry, state: VehicleState, altitudes: dict[str, float], distance: Distance | None
     ) -> float | None:
         """Return the rangefinder's height, checked; None without one."""
-        sure = [name for name in altitudes if name != "GPS"]
-        if motion.time_s == self._start.time_s and "barometer" in sure and not self._plan.take_over:
-            self._range.begin(self._start, motion.climbed - max(altitudes[name] for name in sure))
+        sure, start = [name for name in altitudes if name != "GPS"], self._motion.start
+        if motion.time_s == start.time_s and "barometer" in sure and not self._plan.take_over:
+            self._range.begin(start, motion.climbed - max(altitudes[name] for name in sure))
         _, x, y, _ = state.attitude
         level = 1 - 2 * (x * x + y * y)  # the cosine of the tilt
         if distance is None or level < _LEVEL:
             self._checked = None
             return None
-        old = self._silent or motion.time_s - distance.time_s > _SILENT_S
+        old = self._motion.silent or motion.time_s - distance.time_s > _SILENT_S
         if self._checked and old and motion.time_s - self._checked[0].time_s <= FRESH_S:
             then, height = self._checked
             return height + min(0.0, motion.climbed - then.climbed)
@@ -206,11 +243,16 @@ class Ground:
                 self._levels[name].highest = max(self._levels[name].highest, metres_up - metres)
         return metres
 
-    def _unmeasured(self, now: float, state: VehicleState, altitudes: dict[str, float], gps_off: float) -> float:
-        """Return the height above the highest ground, or by the terrain database. `gps_off`: the error of GPS [m]."""
-        above = -float(state.position[2])
-        rise, survey = self._surveyed(now, above, state), self._sensors.survey(now)
-        if rise is not None or self._doubted:
+    def _unmeasured(
+        self, now: float, state: VehicleState, altitudes: dict[str, float], samples: HeightSamples, gps_off: float
+    ) -> float:
+        """Return the height above the highest ground, or by the terrain database. `gps_off`: the error of GPS [m].
+
+        The database is used only if no rangefinder has ever measured.
+        """
+        measured = self._source in ("rangefinder", "highest ground")
+        rise = self._terrain.rise(now, state, *samples.survey) if samples.survey and not measured else None
+        if rise is not None or self._terrain.doubted:
             self._below = rise
         lowest = min(
             metres - self._levels[name].highest + (gps_off if name == "GPS" else 0.0)
@@ -219,37 +261,16 @@ class Ground:
         down_slope = -math.inf
         if rise is not None and gps_off:
             down_slope = min(metres for name, metres in altitudes.items() if name != "GPS") - rise - _SURVEY_OFF_M
-        if self._source in ("rangefinder", "highest ground"):
+        if measured:
             source: HeightOrigin = "highest ground"
         elif down_slope > lowest or (rise is not None and self._source == "terrain"):
             source = "terrain"
         else:
-            source = "doubtful terrain" if self._doubted else "estimate"
+            source = "doubtful terrain" if self._terrain.doubted else "estimate"
         if gps_off:
             self._report(source, now, _SURVEY_OFF_M if source == "terrain" else 0.0)
-        standing = self._sensors.standing_survey
-        feared = survey.above - standing.above if survey and standing else math.inf
+        feared = samples.survey[0].above - samples.survey[1].above if samples.survey else math.inf
         return min(max(lowest, down_slope), feared)
-
-    def _surveyed(self, now: float, above: float, state: VehicleState) -> float | None:
-        """Return the ground by the terrain database, above the take-off point, if no rangefinder has ever measured.
-
-        None if the database has no height, is old, or has ever disagreed with the position.
-        """
-        survey, standing = self._sensors.survey(now), self._sensors.standing_survey
-        measured = self._source in ("rangefinder", "highest ground")
-        if survey is None or standing is None or measured:
-            return None
-        north, east = state.position[:2].tolist()
-        to_north = (survey.lat - standing.lat) * _PER_DEGREE_M
-        to_east = (survey.lon - standing.lon) * _PER_DEGREE_M * math.cos(math.radians(standing.lat))
-        rise, height = survey.ground - standing.ground, survey.above - standing.above
-        aside, off = _SURVEY_AGREES_M
-        if survey is not self._compared and now - survey.time_s <= _SURVEY_NEW_S:
-            self._compared = survey
-            agrees = math.dist((north, east), (to_north, to_east)) <= aside and abs(height - (above - rise)) <= off
-            self._doubted |= not (agrees and abs(rise) <= _STEEPEST * (math.hypot(to_north, to_east) + aside))
-        return None if self._doubted else rise
 
     def _compare(
         self, now: float, altitudes: dict[str, float], sigma: float, found: dict[tuple[str, str], tuple[float, float]]
@@ -259,7 +280,7 @@ class Ground:
         `found`: the pairs that disagree already, and their values.
         """
         errors = dict(_ERRORS_M, GPS=_ERRORS_M["GPS"] + sigma)
-        errors["barometer"] += _WEATHER * (now - self._start.time_s)
+        errors["barometer"] += _WEATHER * (now - self._motion.start.time_s)
         for (one, a), (two, b) in combinations(altitudes.items(), 2):
             if abs(a - b) > errors[one] + errors[two]:
                 found[one, two] = a, b

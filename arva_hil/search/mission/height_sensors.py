@@ -68,21 +68,61 @@ class Distance(NamedTuple):
     """The last sample [m]."""
 
 
+class Altitude(NamedTuple):
+    """An altitude above the take-off point."""
+
+    time_s: float
+    metres: float
+
+
+class HeightSamples(NamedTuple):
+    """The values of all sensors that are valid at one instant."""
+
+    distance: Distance | None
+    """The rangefinder's."""
+    clearance: float | None
+    """The autopilot's estimate of the height [m]."""
+    pressure: Altitude | None
+    """The barometer's."""
+    gps: Altitude | None
+    gps_sigma: float
+    """Sigma of GPS [m]."""
+    only_gps: bool
+    """True if the vehicle reports that it has no barometer."""
+    survey: tuple[Survey, Survey] | None
+    """The terrain database's last report, and its last one on the ground."""
+    landed: bool
+    """True if the autopilot has reported for some time that the vehicle is on the ground."""
+
+
+class _Sample(NamedTuple):
+    """The last sample of an altimeter, and a mean of those on the ground; None without one."""
+
+    time_s: float = _NEVER
+    value: float = 0.0
+    standing: float | None = None
+
+    def after(self, time_s: float, value: float, *, stands: bool) -> _Sample:
+        if not stands:
+            return _Sample(time_s, value, self.standing)
+        before = self.standing
+        return _Sample(time_s, value, value if before is None else before + _STEADY * (value - before))
+
+
 class HeightSensors:
     """Remembers the last samples. The samples on the ground, disarmed, are the height 0."""
 
     def __init__(self, session: Session) -> None:
-        self.gps_sigma = _GPS_SIGMA_M
-        self.standing_survey: Survey | None = None
-        self._landed = (math.inf, _NEVER)  # since when the autopilot reports it, and its last report
         self._session = session
         self._range: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # when, m
         self._own_kind = False  # DISTANCE_SENSOR is received, which has limits
-        self._clearance = self._pressure = self._gps = (_NEVER, 0.0)
+        self._clearance = _NEVER, 0.0
+        self._pressure = self._gps = _Sample()
+        self._gps_sigma = _GPS_SIGMA_M
         self._survey: Survey | None = None
+        self._standing_survey: Survey | None = None
         self._barometer: bool | None = None  # there is a barometer that works; None: not reported
-        self._standing_pressure: float | None = None
-        self._standing_gps: float | None = None
+        self._landed = (math.inf, _NEVER)  # since when the autopilot reports it, and its last report
         session.streams.want(EXTRAS)
 
     def on_packets(self, received: Received, now: float) -> None:
@@ -90,46 +130,33 @@ class HeightSensors:
         for msgid, message in received.messages(_HANDLERS):
             _HANDLERS[msgid](self, message, now)
 
-    def distance(self, now: float) -> Distance | None:
-        """Return the rangefinder's distance. None without a valid one."""
+    def samples(self, now: float) -> HeightSamples:
+        """Return the values that are valid now."""
+        distance = pressure = gps = survey = None
         fresh = [metres for at, metres in self._range if now - at < FRESH_S]
-        return Distance(self._range[-1][0], median(fresh), fresh[-1]) if fresh else None
-
-    def pressure_altitude(self, now: float) -> tuple[float, float] | None:
-        """Return time of the barometer's sample, and altitude above the take-off point [m].
-
-        None without a valid one.
-        """
-        at, hpa = self._pressure
-        if self._standing_pressure is None or now - at >= FRESH_S:
-            return None
-        return at, _SCALE_M * math.log(self._standing_pressure / hpa)
-
-    def gps_altitude(self, now: float) -> tuple[float, float] | None:
-        """Return time and altitude like `pressure_altitude`, by GPS."""
-        at, metres = self._gps
-        if self._standing_gps is None or now - at >= _GPS_FRESH_S:
-            return None
-        return at, metres - self._standing_gps
-
-    def survey(self, now: float) -> Survey | None:
-        """Return the terrain database's last report. None without a valid one, or without one on the ground."""
-        survey = self._survey if self.standing_survey else None
-        return survey if survey and now - survey.time_s < _SURVEY_FRESH_S else None
-
-    def clearance(self, now: float) -> float | None:
-        """Return the autopilot's estimate of the height [m]."""
-        at, metres = self._clearance
-        return metres if now - at < FRESH_S else None
-
-    def only_gps(self, now: float) -> bool:
-        """Return True if the vehicle reports that it has no barometer."""
-        return self._barometer is False and now - self._pressure[0] > _HAS_ONE_S
-
-    def landed(self, now: float) -> bool:
-        """Return True if the autopilot has reported for some time that the vehicle is on the ground."""
+        if fresh:
+            distance = Distance(self._range[-1][0], median(fresh), fresh[-1])
+        clearance_s, clearance = self._clearance
+        at, hpa, standing = self._pressure
+        if standing is not None and now - at < FRESH_S:
+            pressure = Altitude(at, _SCALE_M * math.log(standing / hpa))
+        only_gps = self._barometer is False and now - at > _HAS_ONE_S
+        at, metres, standing = self._gps
+        if standing is not None and now - at < _GPS_FRESH_S:
+            gps = Altitude(at, metres - standing)
+        if self._survey and self._standing_survey and now - self._survey.time_s < _SURVEY_FRESH_S:
+            survey = self._survey, self._standing_survey
         since, last = self._landed
-        return now - last < FRESH_S and now - since >= _LANDED_S
+        return HeightSamples(
+            distance,
+            clearance if now - clearance_s < FRESH_S else None,
+            pressure,
+            gps,
+            self._gps_sigma,
+            only_gps,
+            survey,
+            now - last < FRESH_S and now - since >= _LANDED_S,
+        )
 
     def _on_distance(self, message: Any, now: float) -> None:
         if message.orientation != dialect.MAV_SENSOR_ROTATION_PITCH_270:
@@ -157,21 +184,17 @@ class HeightSensors:
             place = message.lat / 1e7, message.lon / 1e7
             self._survey = Survey(now, *place, message.terrain_height, message.current_height)
             if self._stands:
-                self.standing_survey = self._survey
+                self._standing_survey = self._survey
 
     def _on_pressure(self, message: Any, now: float) -> None:
         if 0 < message.press_abs < math.inf:
-            self._pressure = now, message.press_abs
-            if self._stands:
-                self._standing_pressure = _steadied(self._standing_pressure, message.press_abs)
+            self._pressure = self._pressure.after(now, message.press_abs, stands=self._stands)
 
     def _on_gps(self, message: Any, now: float) -> None:
         if message.v_acc > 0:
-            self.gps_sigma = message.v_acc / 1e3
+            self._gps_sigma = message.v_acc / 1e3
         if message.fix_type >= dialect.GPS_FIX_TYPE_3D_FIX:
-            self._gps = now, message.alt / 1e3
-            if self._stands:
-                self._standing_gps = _steadied(self._standing_gps, message.alt / 1e3)
+            self._gps = self._gps.after(now, message.alt / 1e3, stands=self._stands)
 
     def _on_status(self, message: Any, now: float) -> None:
         works = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
@@ -184,10 +207,6 @@ class HeightSensors:
     @property
     def _stands(self) -> bool:
         return self._session.vehicle is not None and not self._session.vehicle.armed
-
-
-def _steadied(before: float | None, sample: float) -> float:
-    return sample if before is None else before + _STEADY * (sample - before)
 
 
 _HANDLERS: Final = {
