@@ -214,7 +214,7 @@ class ClosedLoop:
             scenario = replace(scenario, datum=datum)
         scenario = _with_truth(scenario) if gps_noise_m else scenario  # without noise the report is the truth
         audience = Audience(observers)
-        emit = emit or _teller(audience if observers else None)
+        emit = emit or (lambda name, event: audience.emit([FromSearch(event.time_s, event, name)]))
         told = {"tell_packets": tell_packets, "tell_status": bool(observers)}
         self.emulator = Emulator(_setups(scenario, stream_hz), start=start, timeout_s=10.0, **told)
         bus = Bus(TeamField(plan.area, self.frame, len(berths := self._berths(scenario))))
@@ -275,9 +275,3 @@ def _setups(scenario: Scenario, stream_hz: float) -> list[VehicleSetup]:
         return Session(target_system=vehicle.system, rate_hz=stream_hz, name=vehicle.name)
 
     return vehicle_setups(scenario, lambda v: v.name, session)
-
-
-def _teller(audience: Audience | None) -> Callable[[str, Event], None]:
-    if audience is None:
-        return lambda name, event: None
-    return lambda name, event: audience.emit([FromSearch(event.time_s, event, name)])

@@ -14,9 +14,9 @@ from arva_hil.clock import StepClock
 from arva_hil.config import DEFAULT
 from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
-from arva_hil.model.field import Mount
+from arva_hil.model.field import LocalFrame, Mount
 from arva_hil.runtime.loop import run
-from arva_hil.search.flight.airborne import MissionRun
+from arva_hil.search.flight.airborne import FlightSetup, MissionRun
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum
@@ -100,11 +100,14 @@ def test_frames_are_told_ten_times_a_second_with_the_place_of_the_receiver() -> 
     told: list[Event] = []
     half = math.sqrt(0.5)
     east = VehicleState(0.0, np.array([3.0, 2.0, -1.0]), np.zeros(3), (half, 0.0, 0.0, half), 0.0)
-    session: Any = SimpleNamespace(navigation=None)
-    plan = SearchPlan(Estimate, mount=Mount((1.0, 0.0, 0.0)))
-    flight = MissionRun(plan, session, start=0.0, emit=told.append, log=None)
+    poses = {0.0: None}
+    session: Any = SimpleNamespace(navigation=SimpleNamespace(state_at=lambda now, origin: poses.get(now, east)))
+    ground: Any = None
+    setup = FlightSetup(SearchPlan(Estimate, mount=Mount((1.0, 0.0, 0.0))), session, ground, 0.0, told.append)
+    flight = MissionRun(setup)
+    flight.origin = LocalFrame(46.0, 7.0, 500.0)
     for step in range(5):
-        flight.on_frame(FRAME, east if step else None, step / 20)
+        flight.on_frame(FRAME, flight.pose(step / 20), step / 20)
     assert told[0] == FrameHeard(0.0, FRAME, None, None)
     (second, third) = told[1:]
     assert (second.time_s, third.time_s) == (0.1, 0.2)

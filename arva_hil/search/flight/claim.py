@@ -1,4 +1,6 @@
-"""The claim of a search to its vehicle, announced to other searches of this vehicle: a broadcast TUNNEL message.
+"""The other searches: the news of the team, and claims to the same vehicle.
+
+A search announces its claim to its vehicle to other searches of this vehicle by a broadcast TUNNEL message.
 
 All searches of a vehicle have the same system and component. ArduPilot does not forward a heartbeat between two links
 that send the same ids, but both autopilots forward a broadcast TUNNEL.
@@ -17,7 +19,11 @@ import struct
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.session import Received
 from arva_hil.mavlink.codec import Packet, decode, dialect, tunnel, untunnel
+from arva_hil.search.team.team import Teammate
+from arva_hil.search.team.team_tunnel import TeamTunnel
 
 CLAIM_TYPE: Final = 42073  # the payload type, in MAVLink's private range; a team's news have the one before
 QUIET_S: Final = 1.5  # arm after this time without an objection to the first announcement
@@ -59,22 +65,42 @@ def parse(payload: bytes) -> Claim | None:
     return Claim(bool(flags), since_ms, number, name)
 
 
-class ClaimAnnouncer:
-    """Remembers the own claim, and when it was announced first and last. `component`: of all searches."""
+class OtherSearches:
+    """The other searches: those of the team, and those that claim the vehicle of this one.
 
-    def __init__(self, component: int) -> None:
+    `component`: of all searches. `team`: if this search is one of several; `tunnel`: to them, if they are other
+    programs. `first`: the claim of another search that gets the vehicle; None without one.
+    """
+
+    def __init__(self, component: int, team: Teammate | None, tunnel: TeamTunnel | None) -> None:
+        self.first: Claim | None = None
         name = f"process {os.getpid()} on {platform.node() or 'an unknown computer'}"
         self._own = Claim(False, _LATEST, secrets.randbits(64), name)
         self._component = component
-        self._first_s: float | None = None
+        self._team = team
+        self._tunnel = tunnel
+        self._first_s: float | None = None  # of the own announcements
         self._next_s = -math.inf
 
     def is_settled(self, now: float) -> bool:
-        """Return True if other searches have had the time to object."""
+        """Return True if other searches have had the time to object to the own claim."""
         return self._first_s is not None and now - self._first_s >= QUIET_S
 
-    def poll(self, now: float, boot_s: float | None, *, launched: bool) -> list[Any]:
-        """Return the messages to send now. `boot_s`: the vehicle's boot time, None if it is not known."""
+    def on_packets(self, received: Received, vehicle: Vehicle | None, now: float) -> None:
+        """Use what the session received."""
+        if self._tunnel and self._team:
+            for packet in received.accepted:
+                if news := self._tunnel.on_packet(packet, now):
+                    self._team.on_news(news)
+        if vehicle and not self.first:
+            self.first = self._find_first(received.others, vehicle.system)
+
+    def news(self) -> list[Any]:
+        """Return the messages to the team to send now."""
+        return self._tunnel.poll() if self._tunnel else []
+
+    def claim(self, now: float, boot_s: float | None, *, launched: bool) -> list[Any]:
+        """Return the own claim if it is due. `boot_s`: the vehicle's boot time, None if it is not known."""
         if boot_s is None or (now < self._next_s and launched == self._own.launched):
             return []
         if self._first_s is None:
@@ -84,7 +110,7 @@ class ClaimAnnouncer:
         self._next_s = now + _EVERY_S
         return [tunnel(CLAIM_TYPE, encode(self._own))]
 
-    def find_first(self, packets: Sequence[Packet], system: int) -> Claim | None:
+    def _find_first(self, packets: Sequence[Packet], system: int) -> Claim | None:
         """Return the claim of another search that gets the vehicle of this system, None if there is none."""
         for packet in packets:
             if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or (packet.system, packet.component) != (

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from arva_hil.autopilot.commanding.commander import Commander, Phase
-from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import Clock
 from arva_hil.events import Event, PacketsReceived
@@ -19,12 +18,11 @@ from arva_hil.events.searches import Launched, OwnMarkHeard, SearchHeldUp, Searc
 from arva_hil.links import Link, LinkError, Sender
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.model.field.geodesy import LocalFrame
-from arva_hil.search.flight.airborne import Flight
-from arva_hil.search.flight.claim import Claim, ClaimAnnouncer
+from arva_hil.search.flight.airborne import Flight, FlightSetup, FlownPose
+from arva_hil.search.flight.claim import OtherSearches
 from arva_hil.search.flight.dry_run import DryRun
 from arva_hil.search.flight.links import AutopilotLink, ReceiverLink
 from arva_hil.search.flight.preflight import Permission, Preflight
-from arva_hil.search.mission.accuracy import PositionAccuracy
 from arva_hil.search.mission.ground import Ground
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import Kind, Outcome, Refusal, SearchStep, conclusion, kind_of, outcome_of
@@ -74,24 +72,18 @@ class SearchClient:
         self.outcome: Outcome | None = None
         self._session = session
         self._events: list[Event] = []  # that `emit` has not got yet
-        self._team = team
-        self._tunnel = tunnel
-        self._claim = ClaimAnnouncer(COMPONENT)
-        self._first: Claim | None = None  # of another search that has the vehicle
-        self._line = AutopilotLink(autopilot, start, on_bytes=self._on_bytes, on_gap=self._on_gap)
+        self._emit = emit
         emit_later = self._events.append
+        self._others = OtherSearches(COMPONENT, team, tunnel)
+        self._line = AutopilotLink(autopilot, start, on_bytes=self._on_bytes, on_gap=self._on_gap)
         self._receiver = ReceiverLink(receiver, decoder, emit_later, host)
         self._commander = Commander(session, emit_later, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
-        needed = autopilot, self._receiver, self._commander.battery, self._commander.sticks, permission
+        needed = autopilot, self._receiver, self._commander, permission
         self._preflight = Preflight(plan, session, *needed, start=start, emit=emit_later)
-        self._ground = Ground(session, plan, emit_later)
-        self._accuracy = PositionAccuracy(session)
-        flown, host_of = (plan, session, self._commander, self._ground), self._receiver.host
-        self._flight = Flight(*flown, start=start, emit=emit_later, log=log, team=team, host=host_of, worker=worker)
-        self._dry_run: DryRun | None = None
-        if plan.dry_run:
-            self._dry_run = DryRun(plan, session, self._ground, start=start, emit=emit_later, log=log, worker=worker)
-        self._emit = emit
+        ground = Ground(session, plan, emit_later)
+        setup = FlightSetup(plan, session, ground, start, emit_later, log, team, self._receiver.host, worker)
+        self._flight = Flight(setup, self._commander)
+        self._dry_run = DryRun(setup) if plan.dry_run else None
         self._next_step = self._now_s = start
         self._plan = plan
         self._stopping = False
@@ -131,12 +123,12 @@ class SearchClient:
             if not self.launched:
                 self._preflight.watch_link(now)
             frames, run = self._receiver.read(now), self._dry_run or self._flight
-            state = run.state(now) if frames or now >= self._next_step else None
+            pose = run.pose(now) if frames or now >= self._next_step else None
             for frame in frames:
-                run.on_frame(frame, state, now)
+                run.on_frame(frame, pose, now)
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
-                self._step(now, state)
+                self._step(now, pose)
             return min(self._next_step, self._line.speak(clock, self._due, self._commander.sent))
         except LinkError as error:  # of the autopilot's link
             self._cut_off(because(Why.ERROR, text=str(error)))
@@ -154,18 +146,10 @@ class SearchClient:
         for packet in (*received.others, *received.refused):
             if packet.msgid == _MARK and packet.component == COMPONENT and self._is_vehicle(packet):
                 self._events.append(OwnMarkHeard(now))
-        if self._tunnel and self._team:
-            for packet in received.accepted:
-                if news := self._tunnel.on_packet(packet, now):
-                    self._team.on_news(news)
-        if self._session.vehicle:
-            self._first = self._first or self._claim.find_first(received.others, self._session.vehicle.system)
+        self._others.on_packets(received, self._session.vehicle, now)
         self._preflight.on_packets(received)
         self._commander.on_packets(received, now, since)
-        self._ground.on_packets(received, now)
-        self._accuracy.on_packets(received)
-        if self.mission:
-            self.mission.accuracy = self._accuracy.worst
+        self._flight.on_packets(received, now)
         senders = self._session.senders
         self._line.link.follow(senders.vehicle, senders.candidates)
 
@@ -185,9 +169,9 @@ class SearchClient:
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
         """Return the bytes to send: those without and those with orders."""
-        told, launched = self._tunnel.poll() if self._tunnel else [], self.launched
+        told, launched = self._others.news(), self.launched
         if not self._dry_run and self.outcome is None and self._session.reachable:
-            told = told + self._claim.poll(now, self._session.navigation.clock.boot(now), launched=launched)
+            told = told + self._others.claim(now, self._session.navigation.clock.boot(now), launched=launched)
         packed = b"".join(map(self._session.encoder.pack, told))
         requests, events = self._session.poll(now)
         self._events += events
@@ -200,13 +184,13 @@ class SearchClient:
         for event in events:
             self._emit(event)
 
-    def _step(self, now: float, state: VehicleState | None) -> None:
+    def _step(self, now: float, pose: FlownPose | None) -> None:
         phase = self._commander.phase
         if self.outcome is not None:
             self._flight.report_place(now, searching=False)
             return
-        if self._first:
-            self._finish("failed", because(Why.OTHER_SEARCH, name=self._first.name, flies=self.launched))
+        if first := self._others.first:
+            self._finish("failed", because(Why.OTHER_SEARCH, name=first.name, flies=self.launched))
         elif phase is Phase.IDLE:
             self._wait(now)
         elif self._session.usurped:
@@ -225,7 +209,7 @@ class SearchClient:
             if self._receiver.silent(now, self._plan.patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:
-            self._flight.fly(now, state)
+            self._flight.fly(now, pose)
 
     def _wait(self, now: float) -> None:
         if self._dry_run is None:
@@ -236,7 +220,7 @@ class SearchClient:
         verdict = self._preflight.check(now)
         if verdict is True and self._dry_run:
             verdict = self._dry_run.step(now, self._commander.authority.mode) or False
-        if verdict is True and (self._dry_run or self._claim.is_settled(now)):
+        if verdict is True and (self._dry_run or self._others.is_settled(now)):
             self._launch(now)
         elif isinstance(verdict, Refusal):
             self._finish(verdict.kind, verdict.how)

@@ -6,24 +6,19 @@ It makes no message: the commander never gets the order to launch.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 from arva_hil.autopilot.commanding.commander import EVERY_S
 from arva_hil.autopilot.following.modes import Modes, modes_of
 from arva_hil.autopilot.following.navigation import PositionSample
-from arva_hil.autopilot.following.session import Session
-from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import DryRunBegun, OrderDetail, SetPointPlanned, WouldOrder
 from arva_hil.model.field.rotation import heading
-from arva_hil.search.flight.airborne import STAY, MissionRun
-from arva_hil.search.mission.ground import Ground, Height
+from arva_hil.search.flight.airborne import STAY, FlightSetup, MissionRun
+from arva_hil.search.mission.ground import Height
 from arva_hil.search.mission.mission import Mission
-from arva_hil.search.mission.outcome import Refusal, SearchStep
-from arva_hil.search.strategies.analysis import Worker
-from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import Position, as_position
+from arva_hil.search.mission.outcome import Refusal
+from arva_hil.search.strategies.strategy import Position
 
 _LAST_S: Final = 5.0  # of set-points
 _SAY_S: Final = 1.0  # between set-points that are reported
@@ -34,35 +29,23 @@ class DryRun(MissionRun):
     """A mission that is computed but not flown. The vehicle is on the ground, or hovers with `take_over`.
 
     Readings are those of the receiver's present place. Set-points are for a vehicle at the height of the take-off above
-    that place. `worker`: computes; None: in this loop.
+    that place.
     """
 
-    def __init__(
-        self,
-        plan: SearchPlan,
-        session: Session,
-        ground: Ground,
-        *,
-        start: float,
-        emit: Callable[[Event], None],
-        log: Callable[[SearchStep], None] | None,
-        worker: Worker | None = None,
-    ) -> None:
-        super().__init__(plan, session, start=start, emit=emit, log=log)
-        self._ground = ground
-        self._worker = worker
+    def __init__(self, setup: FlightSetup) -> None:
+        super().__init__(setup)
         self._begun_s = math.inf
         self._say_next_s = -math.inf
         self._modes: Modes | None = None
 
     def step(self, now: float, mode: int) -> Refusal | None:
         """Report the orders that would be sent now, in this `mode`. Returns the outcome, None before the end."""
-        place = self._session.navigation.track.last_position
+        place = self._setup.session.navigation.track.last_position
         if self.mission is None:
-            assert self._session.vehicle is not None
+            assert self._setup.session.vehicle is not None
             assert place is not None
             try:
-                self._modes = modes_of(self._session.vehicle)
+                self._modes = modes_of(self._setup.session.vehicle)
             except ValueError as error:
                 return Refusal("failed", because(Why.ERROR, text=str(error)))
             self._begin(now, mode, self._modes, place)
@@ -76,51 +59,49 @@ class DryRun(MissionRun):
         return Refusal("would fly", because(Why.WOULD_FLY))
 
     def _begin(self, now: float, mode: int, modes: Modes, place: PositionSample) -> None:
-        session, take_off = self._session, self._plan.take_off
+        plan, session, emit = self._setup.plan, self._setup.session, self._setup.emit
         home = session.navigation.home
-        place = place._replace(alt=home[2]) if self._plan.take_over and home else place
-        self._begun_s, emit = now, self._emit
+        place = place._replace(alt=home[2]) if plan.take_over and home else place
+        self._begun_s = now
         self._begin_at(now, place.frame)
-        emit(DryRunBegun(now, str(session.vehicle), self._plan.take_over, self._plan.countdown_s))
-        if not self._plan.take_over:
+        emit(DryRunBegun(now, str(session.vehicle), plan.take_over, plan.countdown_s))
+        if not plan.take_over:
             if mode != modes.hold:
                 emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(modes.name(modes.hold))))
             emit(WouldOrder(now, "COMPONENT_ARM_DISARM", OrderDetail()))
-            emit(WouldOrder(now, "NAV_TAKEOFF", OrderDetail(height_m=take_off)))
-        if mode != modes.steer and (self._plan.take_over or modes.steer != modes.take_off):
+            emit(WouldOrder(now, "NAV_TAKEOFF", OrderDetail(height_m=plan.take_off)))
+        if mode != modes.steer and (plan.take_over or modes.steer != modes.take_off):
             emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(modes.name(modes.steer), set_points_hz=1 / EVERY_S)))
-        state = self.state(now)
-        place_ned = self._lifted((0.0, 0.0, float(state.position[2]) if state is not None else 0.0))
-        self.mission = Mission(self._plan, now, place_ned, emit=emit, worker=self._worker)
+        pose = self.pose(now)
+        start = self._lifted((0.0, 0.0, pose.position[2] if pose is not None else 0.0))
+        self.mission = Mission(plan, now, start, emit=emit, worker=self._setup.worker)
         if self._new_frame is not None:
-            self.on_frame(self._new_frame, state, now)
+            self.on_frame(self._new_frame, pose, now)
 
     def _lifted(self, place: Position) -> Position:
         """Return the vehicle's place after its take-off."""
-        return place if self._plan.take_over else (place[0], place[1], min(place[2], -self._plan.take_off))
+        return place if self._setup.plan.take_over else (place[0], place[1], min(place[2], -self._setup.plan.take_off))
 
     def _fly(self, now: float, mission: Mission) -> None:
-        state = self.state(now)
-        if state is None:
+        pose, plan = self.pose(now), self._setup.plan
+        if pose is None:
             return
-        receiver = self._plan.mount.place(state.position, state.attitude)
-        height = self._ground.height(now, state)
-        if not self._plan.take_over:
-            height = Height(max(height.metres, self._plan.take_off), height.measured, height.margin)
+        height = self._setup.ground.height(now, pose.state)
+        if not plan.take_over:
+            height = Height(max(height.metres, plan.take_off), height.measured, height.margin)
         velocity = STAY
         if not mission.ended:
-            place = self._lifted(as_position(state.position))
-            velocity = mission.fly(now, place, receiver=as_position(receiver), height=height)
-        self._log_step(now, _PHASE, state, velocity)
+            velocity = mission.fly(now, self._lifted(pose.position), receiver=pose.receiver, height=height)
+        self._log_step(now, _PHASE, pose, velocity)
         if now >= self._say_next_s and not mission.broken:
             self._say_next_s = now + _SAY_S
-            heading_deg = math.degrees(heading(state.attitude))
-            self._emit(SetPointPlanned(now, *velocity, heading_deg, 1 / EVERY_S))
+            heading_deg = math.degrees(heading(pose.state.attitude))
+            self._setup.emit(SetPointPlanned(now, *velocity, heading_deg, 1 / EVERY_S))
 
     def _end(self, now: float) -> None:
         assert self._modes is not None
-        emit = self._emit
-        if self._plan.land:
+        emit = self._setup.emit
+        if self._setup.plan.land:
             emit(WouldOrder(now, "NAV_LAND", OrderDetail(at_end=True)))
         elif self._modes.hold != self._modes.steer:
             emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(self._modes.name(self._modes.hold), at_end=True)))

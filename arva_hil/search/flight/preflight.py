@@ -9,8 +9,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
-from arva_hil.autopilot.commanding.complaints import Battery
-from arva_hil.autopilot.commanding.sticks import Sticks
+from arva_hil.autopilot.commanding.commander import Commander
 from arva_hil.autopilot.commanding.vehicle_checks import Failsafes, SimulatorCheck, fence_of
 from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4, modes_of
 from arva_hil.autopilot.following.session import Received, Session
@@ -215,8 +214,8 @@ class ArmingDelay:
 class Preflight:
     """Remembers what a search waits for, and since when.
 
-    `permission`: to fly this vehicle; None if every vehicle may be flown. `battery`, `sticks`, `failsafes`: of the
-    vehicle. `emit` gets the events.
+    `permission`: to fly this vehicle; None if every vehicle may be flown. `commander`: has the vehicle's battery and
+    sticks. `failsafes`: of the vehicle. `emit` gets the events.
     """
 
     def __init__(
@@ -225,8 +224,7 @@ class Preflight:
         session: Session,
         autopilot: Link,
         receiver: ReceiverLink,
-        battery: Battery,
-        sticks: Sticks,
+        commander: Commander,
         permission: Permission | None,
         *,
         start: float,
@@ -238,8 +236,7 @@ class Preflight:
         self._autopilot = autopilot
         self._monitor = LinkMonitor("autopilot", autopilot, self._lost, session.resume)
         self._receiver = receiver
-        self._battery = battery
-        self._sticks = sticks
+        self._commander = commander
         self._since = start
         self._plan = plan
         self._permission = permission
@@ -318,7 +315,7 @@ class Preflight:
             return self._lack("pose", now, "failed", lambda: because(Why.NO_POSE, lacking=session.why_no_pose()))
         if self._hover and (moving := self._hover.why_not(now, self._mode)):
             return self._lack("hover", now, "failed", lambda: because(Why.CANNOT_TAKE_OVER, because=moving))
-        battery = self._battery.why(now)
+        battery = self._commander.battery.why(now)
         if battery is Why.BATTERY_LOW:
             return Refusal("failed", because(Why.BATTERY_LOW_BEFORE))
         if battery is not None:
@@ -342,7 +339,7 @@ class Preflight:
             self._failsafes_reported = True
             parameters = tuple(self.failsafes.values.items())
             autopilot: AutopilotKind = "px4" if self.failsafes.px4 else "ardupilot"
-            self._emit(FailsafesKnown(now, autopilot, parameters, self._sticks.remote))
+            self._emit(FailsafesKnown(now, autopilot, parameters, self._commander.sticks.remote))
             for doubt in self.failsafes.doubts():
                 self._emit(ParameterDoubted(now, *doubt))
             if self._hover is None and (beyond := self._compare_fence(now)):
