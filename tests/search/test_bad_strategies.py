@@ -221,7 +221,7 @@ def test_one_that_takes_three_seconds_each_time_is_warned_of_and_finds_all_the_s
 def test_one_that_never_answers_keeps_its_velocity_for_a_second_hovers_and_lands(make: Callable[[], Any]) -> None:
     world = late(make, 0.0)
     world.hunt()
-    worker: Any = world.client._flight._worker
+    worker: Any = world.client._flight._setup.worker
     worker.seconds, stuck = math.inf, world.clock.now()
     kind, how = world.end()
     assert kind == "failed"
@@ -236,7 +236,7 @@ def test_one_that_never_answers_keeps_its_velocity_for_a_second_hovers_and_lands
 
 def test_a_busy_computer_is_no_slow_strategy() -> None:
     world = late(ardupilot, 12.0)
-    worker: Any = world.client._flight._worker
+    worker: Any = world.client._flight._setup.worker
     worker.busy = 0.9
     assert world.end() == ("found", "found")
     slow = [event for event in world.events if isinstance(event, StrategySlow)]

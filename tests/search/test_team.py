@@ -432,8 +432,8 @@ def test_who_takes_off_late_waits_until_nobody_is_above(until_s: float, flies: b
 
     def over() -> bool:
         now = clock.now()
-        assert second.search._team is not None
-        second.search._team.on_news(News(0, now, (lat + (now > until_s) * 1e-3, lon, alt + 5.0), True, part=0))
+        assert second.search._flight._team is not None
+        second.search._flight._team.on_news(News(0, now, (lat + (now > until_s) * 1e-3, lon, alt + 5.0), True, part=0))
         if second.vehicle.flying:
             flying.append(now)
         return bool(flying) or second.search.outcome is not None
@@ -473,7 +473,7 @@ class Field:
         places = [np.array(self.loop.frame.ned(*vehicle.truth(now).lla)) for vehicle in flying]
         self.gap_m = min([self.gap_m, *(float(np.linalg.norm(a - b)) for a, b in combinations(places, 2))])
         for drone in self.loop.drones:
-            mission, mate = drone.search.mission, drone.search._team
+            mission, mate = drone.search.mission, drone.search._flight._team
             if mission and not mission.ended and mate and mate._own:
                 self.early.add(drone.name)
         if self._pilot_of is not None and now >= self._pilot_s:

@@ -98,9 +98,9 @@ class Lied:
         self.outside_m = max([self.outside_m, *(float(max(abs(place[:2]))) - 15.0 for place in flying)])
         for drone in self.flown:
             self._watch(drone, places[drone.name])
-            assert drone.search._team is not None
+            assert drone.search._flight._team is not None
             if now >= BEGINS_S:
-                drone.search._team.on_news(self._lie(now, places[drone.name]))
+                drone.search._flight._team.on_news(self._lie(now, places[drone.name]))
         return now + 0.2
 
     def _watch(self, drone: Drone, place: Place) -> None:

@@ -154,7 +154,7 @@ def test_the_others_know_of_one_on_the_ground_of_one_that_its_pilot_flies_and_of
     scenario = several(parse("spec: 2\ntransmitters: [{id: 1, ned: [-25, 25, 1]}]", "field"), 4)
     loop = ClosedLoop(scenario, plan, start=0.0, stream_hz=10.0, emit=lambda name, event: said.append((name, event)))
     waiting, taken, lost, watching = loop.drones
-    mate = watching.search._team
+    mate = watching.search._flight._team
     assert mate is not None
     waiting.search._preflight.check = lambda now: False  # type: ignore[method-assign]
     tasks = [Killed(lost, 12.0) if task is lost.search else task for task in loop.tasks]

@@ -95,18 +95,18 @@ class HeightSamples(NamedTuple):
     """True if the autopilot has reported for some time that the vehicle is on the ground."""
 
 
-class _Sample(NamedTuple):
+class _Altimeter(NamedTuple):
     """The last sample of an altimeter, and a mean of those on the ground; None without one."""
 
     time_s: float = _NEVER
     value: float = 0.0
     standing: float | None = None
 
-    def after(self, time_s: float, value: float, *, stands: bool) -> _Sample:
+    def after(self, time_s: float, value: float, *, stands: bool) -> _Altimeter:
         if not stands:
-            return _Sample(time_s, value, self.standing)
+            return _Altimeter(time_s, value, self.standing)
         before = self.standing
-        return _Sample(time_s, value, value if before is None else before + _STEADY * (value - before))
+        return _Altimeter(time_s, value, value if before is None else before + _STEADY * (value - before))
 
 
 class HeightSensors:
@@ -117,7 +117,7 @@ class HeightSensors:
         self._range: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # when, m
         self._own_kind = False  # DISTANCE_SENSOR is received, which has limits
         self._clearance = _NEVER, 0.0
-        self._pressure = self._gps = _Sample()
+        self._pressure = self._gps = _Altimeter()
         self._gps_sigma = _GPS_SIGMA_M
         self._survey: Survey | None = None
         self._standing_survey: Survey | None = None
