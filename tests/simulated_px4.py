@@ -127,8 +127,7 @@ class Px4:
         return packet.raw
 
     def _watch(self, now: float) -> None:
-        height = -self.truth(now).ned[2]
-        if self.mode == TAKE_OFF and height > self._top - 0.8:
+        if self.mode == TAKE_OFF and -self.truth(now).ned[2] > self._top - 0.8:
             self.mode = HOLD  # the vehicle behind climbs on to the top
         elif self.mode == LAND and not self._vehicle._pilot.armed:
             self.mode = OFFBOARD

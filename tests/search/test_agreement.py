@@ -71,14 +71,11 @@ class Late(Flux):
 
 
 def test_what_readings_of_five_seconds_ago_lead_to_does_not_agree() -> None:
-    wrong = 0
-    for transmitter in PAPER:
-        late = Late(1.0, 5)
-        flight = fly(late, transmitter, height_m=3.0)
-        if flight.found is not None and flight.error_m > 2:
-            wrong += 1
-            assert not agrees(late.told, flight.found[:2], 3.0)
-    assert wrong > 2
+    late = Late(1.0, 5)
+    flight = fly(late, PAPER[0], height_m=3.0)
+    assert flight.found is not None
+    assert flight.error_m > 2
+    assert not agrees(late.told, flight.found[:2], 3.0)
 
 
 @pytest.mark.parametrize("d_m", [1.0, 30.0])

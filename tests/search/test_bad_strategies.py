@@ -15,8 +15,9 @@ import pytest
 from arva_hil.clock import StepClock
 from arva_hil.events.searches import SearchBegun, SearchEnded, SearchHeldUp, StrategySlow
 from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Inline, Order
+from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.strategy import Observation, Position
-from tests.search.test_client import BOTH, VICTIM, GoTo, World, ardupilot
+from tests.search.test_client import VICTIM, GoTo, World, ardupilot, px4, set_points, widest_gap
 
 CURE = "; fix the error, and fly it in arva-hil demo first"
 EXPECTED = "expected two finite numbers, m/s north and east"
@@ -67,12 +68,11 @@ def raising(error: BaseException) -> Callable[[], Any]:
     return fail
 
 
-def came_down(world: World) -> None:
-    assert not world.armed
-    assert world.ned[2] == pytest.approx(0.0, abs=0.05)
-    ended = world.clock.now()
-    world.pass_s(5)
-    assert world.orders(ended + 0.01) == []
+def fails_and_lands(world: World) -> str:
+    how = world.fail()
+    assert world.on_the_ground
+    world.stay_silent(5, since=world.clock.now() + 0.01)
+    return how
 
 
 @pytest.mark.parametrize(
@@ -91,15 +91,21 @@ def came_down(world: World) -> None:
     ],
     ids=["None", "NaN", "infinite", "three", "texts", "text", "matrix", "coroutine", "no repr", "huge"],
 )
-def test_what_is_no_velocity_ends_the_search_and_it_lands(said: Callable[[], Any], shown: str) -> None:
-    world = World(ardupilot(), strategy=saying(said))
+def test_what_is_no_velocity_fails(said: Callable[[], Any], shown: str) -> None:
+    guidance = Guidance(Inline(lambda: saying(said)(1.0)), lambda event: None, 10.0)
+    guidance.add(1, Observation(0.0, (0.0, 0.0, -1.0), np.eye(3), 900, 20, False))
+    guidance.begin(1, has_id=True)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # of a coroutine that nobody waited for
-        kind, how = world.end()
-    assert kind == "failed"
-    assert how.startswith(f"the strategy has failed: velocity returned {shown}")
-    assert how.endswith(f", {EXPECTED}{CURE}")
-    came_down(world)
+        answer = guidance.steer(0.0, (0.0, 0.0, -1.0))
+    assert answer is not None
+    assert answer.failed.startswith(f"the strategy has failed: velocity returned {shown}")
+    assert answer.failed.endswith(f", {EXPECTED}{CURE}")
+
+
+def test_what_is_no_velocity_ends_the_search_and_it_lands() -> None:
+    world = World(ardupilot(), strategy=saying(lambda: None))
+    assert fails_and_lands(world) == f"the strategy has failed: velocity returned None, {EXPECTED}{CURE}"
 
 
 @pytest.mark.parametrize("said", [[0.6, 0.8], np.array([0.6, 0.8]), (np.float32(0.6), np.int64(1))])
@@ -127,30 +133,25 @@ def test_a_billion_metres_a_second_are_as_fast_as_is_allowed() -> None:
 )
 def test_what_is_no_place_ends_the_search_and_it_lands(said: Callable[[], Any], shown: str) -> None:
     world = World(ardupilot(), strategy=finding(said))
-    assert world.end() == ("failed", f"the strategy has failed: found is {shown}{CURE}")
-    came_down(world)
+    assert fails_and_lands(world) == f"the strategy has failed: found is {shown}{CURE}"
 
 
-@BOTH
 @pytest.mark.parametrize(
-    ("error", "shown"),
+    ("make", "error", "shown"),
     [
-        (ZeroDivisionError("float division by zero"), "ZeroDivisionError('float division by zero')"),
-        (SystemExit(3), "SystemExit(3)"),
-        (RecursionError("deep"), "RecursionError('deep')"),
-        (UntoldError(), "a UntoldError"),
+        (px4, ZeroDivisionError("float division by zero"), "ZeroDivisionError('float division by zero')"),
+        (ardupilot, SystemExit(3), "SystemExit(3)"),
+        (px4, RecursionError("deep"), "RecursionError('deep')"),
+        (ardupilot, UntoldError(), "a UntoldError"),
     ],
     ids=["an error", "an exit", "too deep", "no repr"],
 )
 def test_what_it_raises_ends_the_search_and_says_where(
     make: Callable[[], Any], error: BaseException, shown: str
 ) -> None:
-    world = World(make(), strategy=saying(raising(error)))
-    kind, how = world.end()
-    assert kind == "failed"
+    how = fails_and_lands(World(make(), strategy=saying(raising(error))))
     assert how.startswith(f"the strategy has failed: {shown} (test_bad_strategies.py:")
     assert how.endswith(CURE)
-    came_down(world)
 
 
 # -- it takes its time -------------------------------------------------------------------------------------
@@ -186,30 +187,24 @@ def late(make: Callable[[], Any], seconds: float, **plan: Any) -> World:
     return world
 
 
-def flown(world: World) -> list[tuple[float, float]]:
+def moved(world: World) -> list[tuple[float, float]]:
     """When each set-point of the search left, and its horizontal speed; they leave in time."""
     begun, ended = (
         next(event.time_s for event in world.events if isinstance(event, kind)) for kind in (SearchBegun, SearchEnded)
     )
-    sent = [
-        (at, math.hypot(m.vx, m.vy))
-        for at, m in world.told
-        if m.get_type().startswith("SET_POSITION_TARGET") and begun + 0.5 <= at < ended
-    ]
-    gaps = [b[0] - a[0] for a, b in itertools.pairwise(sent)]
-    assert min(gaps) >= 0.15
-    assert max(gaps) <= 0.25
+    sent = [(at, math.hypot(m.vx, m.vy)) for at, m in set_points(world) if begun + 0.5 <= at < ended]
+    assert min(b[0] - a[0] for a, b in itertools.pairwise(sent)) >= 0.15
+    assert widest_gap(at for at, _ in sent) <= 0.25
     return sent
 
 
-@BOTH
-def test_one_that_takes_three_seconds_each_time_is_warned_of_and_finds_all_the_same(make: Callable[[], Any]) -> None:
-    world = late(make, 3.0)
+def test_one_that_takes_three_seconds_each_time_is_warned_of_and_finds_all_the_same() -> None:
+    world = late(px4, 3.0)
     assert world.end() == ("found", "found")
     assert world.ned == pytest.approx((*VICTIM, 0.0), abs=0.8)
     took = [event.took_s for event in world.events if isinstance(event, StrategySlow)]
     assert took == pytest.approx([1.1, 2.2], abs=0.3)
-    still = [[at for at, _ in some] for is_still, some in itertools.groupby(flown(world), lambda one: one[1] < 0.01)]
+    still = [[at for at, _ in some] for is_still, some in itertools.groupby(moved(world), lambda one: one[1] < 0.01)]
     moving = still[1::2]
     assert len(moving) > 3
     assert all(times[-1] - times[0] == pytest.approx(1.0, abs=0.3) for times in moving[:-1])
@@ -217,21 +212,18 @@ def test_one_that_takes_three_seconds_each_time_is_warned_of_and_finds_all_the_s
     assert heights == pytest.approx([1.0] * len(heights), abs=0.2)
 
 
-@BOTH
-def test_one_that_never_answers_keeps_its_velocity_for_a_second_hovers_and_lands(make: Callable[[], Any]) -> None:
-    world = late(make, 0.0)
+def test_one_that_never_answers_keeps_its_velocity_for_a_second_hovers_and_lands() -> None:
+    world = late(ardupilot, 0.0)
     world.hunt()
     worker: Any = world.client._flight._setup.worker
     worker.seconds, stuck = math.inf, world.clock.now()
-    kind, how = world.end()
-    assert kind == "failed"
+    how = fails_and_lands(world)
     assert how.startswith("the strategy has failed: it has not answered for 10.")
     assert how.endswith(f" s{CURE}")
-    speeds = [speed for at, speed in flown(world) if at > stuck]
+    speeds = [speed for at, speed in moved(world) if at > stuck]
     assert sum(speed > 0.9 for speed in speeds) == pytest.approx(5, abs=2)
     assert speeds[-40:] == [0.0] * 40
     assert [event.took_s for event in world.events if isinstance(event, StrategySlow)][-1] > 7
-    came_down(world)
 
 
 def test_a_busy_computer_is_no_slow_strategy() -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from typing import Any
 
@@ -19,7 +20,7 @@ from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
-from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.runtime.loop import run
@@ -35,6 +36,8 @@ from tests.simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 
 VICTIM = (8.0, 3.0)  # north, east of home
 US = 193
+HEARTBEAT, GLOBAL_POSITION = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+INTERRUPTED = in_words(because(Why.INTERRUPTED))
 GUIDED_ALONE = "it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until the pilot takes control"
 LEFT = "the vehicle is left to its own failsafe"
 HARMLESS = {  # what may be sent without an influence on the flight
@@ -160,6 +163,22 @@ class World:
     def hunt(self) -> None:
         self.until(lambda: self.client.mission and self.client.mission.choice.hunting and math.hypot(*self.ned[:2]) > 2)
 
+    def fail(self, within_s: float = 240.0) -> str:
+        """Go on until it fails, and return why."""
+        kind, how = self.end(within_s)
+        assert kind == "failed"
+        return how
+
+    def stay_silent(self, seconds: float, since: float) -> None:
+        """Go on for so long: nothing is ordered from `since` on."""
+        self.pass_s(seconds)
+        assert self.orders(since) == []
+
+    def stand_still(self, seconds: float, within_m: float = 0.1) -> None:
+        before = self.ned
+        self.pass_s(seconds)
+        assert self.ned == pytest.approx(before, abs=within_m)
+
     def pilot(self, mode: int) -> None:
         """Somebody else changes the mode, on another link."""
         main, sub = (mode >> 16 & 255, mode >> 24) if isinstance(self.vehicle, Px4) else (mode, 0)
@@ -177,6 +196,14 @@ class World:
     @property
     def ned(self) -> tuple[float, float, float]:
         return self.vehicle.truth(self.clock.now()).ned
+
+    @property
+    def mode(self) -> int:
+        return self.vehicle.mode if isinstance(self.vehicle, Px4) else int(self.vehicle._pilot.mode)
+
+    @property
+    def on_the_ground(self) -> bool:
+        return abs(self.ned[2]) < 0.05 and not self.armed
 
     @property
     def armed(self) -> bool:
@@ -246,6 +273,58 @@ def px4(**options: Any) -> Px4:
     return Px4(HOME, **options)
 
 
+def hunting(vehicle: Any, client: dict[str, Any] | None = None, **plan: Any) -> World:
+    """A search that flies to a transmitter."""
+    world = World(vehicle, client, **plan)
+    world.hunt()
+    return world
+
+
+def changed(msgid: int, field: str, change: Callable[[Any], Any]) -> Callable[[bytes], bytes]:
+    """What the vehicle says, with one field of one message changed."""
+    parser, encoder = Parser(), Encoder(1, 1)
+
+    def repacked(packet: Packet) -> bytes:
+        message = decode(packet)
+        setattr(message, field, change(getattr(message, field)))
+        return encoder.pack(message)
+
+    return lambda data: b"".join(repacked(p) if p.msgid == msgid else p.raw for p in parser.feed(data))
+
+
+def modes_said(world: World) -> list[tuple[float, int]]:
+    """What the vehicle says of its mode from now on, and when; filled while it flies."""
+    said: list[tuple[float, int]] = []
+    parser, pass_on = Parser(), world.between
+
+    def listening(data: bytes) -> bytes:
+        for packet in parser.feed(data):
+            message: Any = decode(packet)
+            if packet.msgid in (HEARTBEAT, 436):
+                said.append((world.clock.now(), message.custom_mode))
+        return pass_on(data)
+
+    world.between = listening
+    return said
+
+
+@functools.cache
+def flown(make: Callable[[], Any]) -> tuple[World, list[tuple[float, int]]]:
+    """A search as it should be, flown once for several tests, and what the vehicle said of its mode."""
+    world = World(make())
+    modes = modes_said(world)
+    assert world.end() == ("found", "found")
+    return world, modes
+
+
+def set_points(world: World) -> list[tuple[float, Any]]:
+    return [(at, m) for at, m in world.told if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+
+
+def widest_gap(times: Iterable[float]) -> float:
+    return max(b - a for a, b in itertools.pairwise(times))
+
+
 BOTH = pytest.mark.parametrize("make", [ardupilot, px4])
 
 
@@ -254,8 +333,7 @@ BOTH = pytest.mark.parametrize("make", [ardupilot, px4])
 
 @BOTH
 def test_the_nearer_victim_is_found_the_other_reported_and_the_vehicle_landed(make: Callable[[], Any]) -> None:
-    world = World(make())
-    assert world.end() == ("found", "found")
+    world, _ = flown(make)
     outcome = world.client.outcome
     assert outcome is not None
     assert outcome.found is not None
@@ -265,8 +343,7 @@ def test_the_nearer_victim_is_found_the_other_reported_and_the_vehicle_landed(ma
     assert outcome.path_m == pytest.approx(math.hypot(*VICTIM), abs=1.5)
     assert 8 < outcome.time_s < 20
     assert outcome.frames >= outcome.time_s * 4
-    ((other, heard),) = outcome.others
-    assert (other, heard.nearest_m) == (2, 20.0)
+    assert [(other, heard.nearest_m) for other, heard in outcome.others] == [(2, 20.0)]
     assert world.ned == pytest.approx((*VICTIM, 0.0), abs=0.6)
     assert not world.armed
     assert world.said[-1] == "found; landing"
@@ -276,28 +353,24 @@ def test_the_nearer_victim_is_found_the_other_reported_and_the_vehicle_landed(ma
 def test_it_can_be_left_hovering_at_the_end(make: Callable[[], Any]) -> None:
     world = World(make(), {"land": False})
     assert world.end() == ("found", "found")
-    ended = world.clock.now()
-    world.pass_s(20)
+    world.stay_silent(20, since=world.clock.now() + 0.01)
     assert world.armed
     assert world.ned == pytest.approx((*VICTIM, -1.0), abs=0.6)
-    assert world.orders(ended + 0.01) == []
 
 
 @BOTH
-def test_a_wind_changes_nothing(make: Callable[..., Any]) -> None:
-    world = World(make(wind=(-3.0, 4.0, 0.0)))
+@pytest.mark.parametrize("options", [{"wind": (-3.0, 4.0, 0.0)}, {"fix_after": 45.0}], ids=["wind", "late fix"])
+def test_these_change_nothing(make: Callable[..., Any], options: dict[str, Any]) -> None:
+    world = World(make(**options))
     assert world.end() == ("found", "found")
     assert world.ned == pytest.approx((*VICTIM, 0.0), abs=1.5)
 
 
 def test_the_log_has_a_row_for_every_step_and_the_readings_between() -> None:
-    world = World(ardupilot())
-    world.end()
-    times = [row.time_s for row in world.rows]
-    assert max(b - a for a, b in itertools.pairwise(times)) < 0.31
+    world, _ = flown(ardupilot)
+    assert widest_gap(row.time_s for row in world.rows) < 0.31
     assert [key for key, _ in itertools.groupby(row.phase for row in world.rows)] == ["climbing", "flying", "landing"]
-    flown = [row for row in world.rows if row.phase == "flying"]
-    heard = [(row.id, row.d_cm) for row in flown if row.d_cm]
+    heard = [(row.id, row.d_cm) for row in world.rows if row.phase == "flying" and row.d_cm]
     assert {id_ for id_, _ in heard} == {1}
     assert heard[0][1] > 700 > 300 > heard[-1][1]
     last = world.rows[-1]
@@ -306,13 +379,10 @@ def test_the_log_has_a_row_for_every_step_and_the_readings_between() -> None:
 
 
 def test_it_is_an_onboard_computer_and_no_ground_station() -> None:
-    world = World(ardupilot())
-    world.end()
-    beats = [(at, m) for at, m in world.told if m.get_type() == "HEARTBEAT"]
-    assert {(m.type, m.autopilot) for _, m in beats} == {
-        (dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID)
-    }
-    assert max(b[0] - a[0] for a, b in itertools.pairwise(beats)) < 1.2
+    beats = [(at, m) for at, m in flown(ardupilot)[0].told if m.get_type() == "HEARTBEAT"]
+    onboard = (dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID)
+    assert {(m.type, m.autopilot) for _, m in beats} == {onboard}
+    assert widest_gap(at for at, _ in beats) < 1.2
 
 
 @BOTH
@@ -341,41 +411,78 @@ def test_what_others_on_the_link_say_changes_nothing(make: Callable[[], Any]) ->
 # -- on the ground -----------------------------------------------------------------------------------------
 
 
+def armed_already() -> SimulatedVehicle:
+    vehicle = ardupilot()
+    vehicle.poll(0.0)
+    vehicle._pilot.arm()
+    return vehicle
+
+
+def silent(world: World) -> None:
+    world.port.says = lambda now: None
+
+
+def deaf(world: World) -> None:
+    world.between = lambda data: b""
+
+
+def unplugged(world: World) -> None:
+    world._tasks.pop(0)
+    world.far.close()
+
+
+def garbled(world: World) -> None:
+    world.port.says = lambda now: b"$PARVA,1*"
+
+
+def soon_silent(world: World) -> None:
+    world.port.says = lambda now: frames(now) if now < 3 else b""
+
+
+def winged(world: World) -> None:
+    world.between = changed(HEARTBEAT, "type", lambda _: dialect.MAV_TYPE_FIXED_WING)
+
+
+def unchanged(world: World) -> None: ...
+
+
+def of_frames(why: str) -> str:
+    return f"no frame from the receiver at memory:a: {why}"
+
+
+A_FRAME = "a frame from the receiver"
+NO_FIX = {"fix_after": 1e6}
+ARMED_ALREADY = "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover"
+
+
 @pytest.mark.parametrize(
-    ("says", "why"),
+    ("vehicle", "change", "kind", "why", "after_s", "waits_for"),
     [
-        (lambda now: b"", "nothing came"),
-        (lambda now: b"$PARVA,1*", r"bytes came that are none, first b'$PARVA,1*$PARVA,': is the format right"),
-        (lambda now: frames(now) if now < 3 else b"", "the last one came 57 s"),
+        (ardupilot, silent, "no link", of_frames("nothing came"), 60, A_FRAME),
+        (
+            ardupilot,
+            garbled,
+            "no link",
+            of_frames(r"bytes came that are none, first b'$PARVA,1*$PARVA,': is the format right"),
+            60,
+            A_FRAME,
+        ),
+        ({"fix_after": 5.0}, soon_silent, "no link", of_frames("the last one came 57 s"), 60, A_FRAME),
+        (ardupilot, deaf, "no link", "no autopilot:", 60, "an autopilot"),
+        (ardupilot, unplugged, "no link", "memory:a: lost: closed by the far end", 0, ""),
+        (NO_FIX, unchanged, "failed", "no pose: the position is all zeros: no GPS fix yet", 60, "a pose"),
+        (armed_already, unchanged, "failed", ARMED_ALREADY, 0, ""),
+        (ardupilot, winged, "failed", "ardupilotmega fixed_wing 1/1 is not a multirotor", 0, ""),
     ],
 )
-def test_nothing_is_armed_without_frames(says: Callable[[float], bytes], why: str) -> None:
-    vehicle = ardupilot(fix_after=5.0)
-    world = World(vehicle)
-    world.port.says = says
-    kind, how = world.end()
-    assert kind == "no link"
-    assert how.startswith(f"no frame from the receiver at {world.receiver.name}: {why}")
-    assert 60 < world.clock.now() < 61
-    assert world.orders() == []
-    assert "waiting for a frame from the receiver" in world.said
-
-
-def test_nothing_is_armed_without_an_autopilot() -> None:
-    world = World(ardupilot(), {"timeout_s": 7.0})
-    world.between = lambda data: b""
-    kind, how = world.end()
-    assert (kind, how.partition(":")[0]) == ("no link", "no autopilot")
-    assert 7 < world.clock.now() < 8
-    assert world.said == ["waiting for an autopilot"]
-    assert world.orders() == []
-
-
-def test_nothing_is_armed_without_a_pose() -> None:
-    world = World(ardupilot(fix_after=1e6))
-    kind, how = world.end()
-    assert (kind, how) == ("failed", "no pose: the position is all zeros: no GPS fix yet")
-    assert 60 < world.clock.now() < 61
+def test_nothing_is_armed(vehicle: Any, change: Any, kind: str, why: str, after_s: float, waits_for: str) -> None:
+    world = World(ardupilot(**vehicle) if isinstance(vehicle, dict) else vehicle())
+    change(world)
+    ended, how = world.end()
+    assert ended == kind
+    assert how.startswith(why)
+    assert after_s <= world.clock.now() <= after_s + 3
+    assert not waits_for or f"waiting for {waits_for}" in world.said
     assert world.orders() == []
 
 
@@ -383,67 +490,26 @@ def test_a_pose_that_is_old_is_none() -> None:
     world = World(ardupilot(), {"timeout_s": 5.0})
     world.port.says = lambda now: world.frames(now) if now > 3 else None
     world.until(lambda: world.session.navigation.track.newest)
-    world.between = without(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-    kind, how = world.end()
-    assert (kind, how.partition(" (")[0]) == ("failed", "no pose: no GLOBAL_POSITION_INT")
+    world.between = without(GLOBAL_POSITION)
+    assert world.fail().startswith("no pose: no GLOBAL_POSITION_INT (")
     assert 5 < world.clock.now() < 6
-    assert world.orders() == []
-
-
-def test_it_waits_for_a_pose_as_long_as_autopilots_take() -> None:
-    world = World(ardupilot(fix_after=45.0))
-    assert world.end() == ("found", "found")
-
-
-def test_a_vehicle_that_is_armed_is_somebody_elses() -> None:
-    vehicle = ardupilot()
-    world = World(vehicle)
-    vehicle.poll(0.0)
-    vehicle._pilot.arm()
-    kind, how = world.end()
-    assert (kind, how) == (
-        "failed",
-        "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover",
-    )
-    assert world.orders() == []
-
-
-def test_what_is_no_multirotor_is_not_armed() -> None:
-    world = World(ardupilot())
-    parser, encoder = Parser(), Encoder(1, 1)
-
-    def winged(data: bytes) -> bytes:
-        out = b""
-        for packet in parser.feed(data):
-            message: Any = decode(packet)
-            if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                message.type = dialect.MAV_TYPE_FIXED_WING
-            out += encoder.pack(message)
-        return out
-
-    world.between = winged
-    assert world.end() == ("failed", "ardupilotmega fixed_wing 1/1 is not a multirotor")
     assert world.orders() == []
 
 
 def test_one_that_does_not_arm_says_why() -> None:
     world = World(px4(healthy=False), {"arm_timeout_s": 10.0})
-    kind, how = world.end()
-    assert (kind, how) == (
-        "failed",
-        "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro, rc receiver",
-    )
+    why = "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro, rc receiver"
+    assert world.end() == ("failed", why)
     assert world.ned[2] == 0.0
 
 
 def test_frames_that_stop_before_the_take_off_end_it_on_the_ground() -> None:
     world = World(px4(healthy=False))
     world.reach("arming")
-    world.port.says = lambda now: None
+    silent(world)
     world.pass_s(9)
     assert world.client.outcome is None
-    kind, how = world.end(4.0)
-    assert (kind, how) == ("failed", "no frame from the receiver at memory:a: the last one came 10 s ago")
+    assert world.end(4.0) == ("failed", of_frames("the last one came 10 s ago"))
     assert (world.orders()[-1].command, world.orders()[-1].param1) == (dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
 
 
@@ -458,33 +524,28 @@ def without(*ids: int) -> Callable[[bytes], bytes]:
 
 @BOTH
 def test_frames_that_stop_make_it_hover_and_go_on_when_they_are_back(make: Callable[[], Any]) -> None:
-    world = World(make())
-    world.hunt()
-    world.port.says = lambda now: None
+    world = hunting(make())
+    silent(world)
     world.pass_s(4)
-    before = world.ned
-    world.pass_s(4)
-    assert world.ned == pytest.approx(before, abs=0.2)
+    world.stand_still(4, within_m=0.2)
     world.port.says = world.frames
     assert world.end() == ("found", "found")
     assert "no frame for 2 s: hovering" in world.said
     assert "frames are back: the search goes on" in world.said
 
 
-@BOTH
-@pytest.mark.parametrize("gone", [False, True])
+@pytest.mark.parametrize(("make", "gone"), [(ardupilot, False), (px4, True)])
 def test_frames_that_stop_for_long_make_it_land(make: Callable[[], Any], gone: bool) -> None:
-    world = World(make())
-    world.hunt()
+    world = hunting(make())
     stopped = world.clock.now()
-    world.port.says = lambda now: None
+    silent(world)
     if gone:
         world._tasks.remove(world.port)
         world.port.links[0].close()
     assert world.end() == ("failed", "no frame from the receiver for 10 s")
     landing = min(row.time_s for row in world.rows if row.phase == "landing")
     assert 9.5 < landing - stopped < 11
-    assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
+    assert world.on_the_ground
     assert ("the receiver is gone: memory:a: lost: closed by the far end" in world.said) is gone
     ((_, one), (_, two)) = world.client.outcome.others  # type: ignore[union-attr]
     assert 1 < one.nearest_m < 9
@@ -494,7 +555,7 @@ def test_frames_that_stop_for_long_make_it_land(make: Callable[[], Any], gone: b
 def test_frames_that_stop_in_the_take_off_make_it_land_too() -> None:
     world = World(ardupilot(), take_off=5.0)
     world.reach("climbing")
-    world.port.says = lambda now: None
+    silent(world)
     assert world.end() == ("failed", "no frame from the receiver for 10 s")
     assert math.hypot(*world.ned[:2]) < 2.5
     assert not world.armed
@@ -505,15 +566,12 @@ def test_frames_that_stop_in_the_take_off_make_it_land_too() -> None:
 LOST = "plug: lost: closed by the far end, searching for it"
 
 
-@BOTH
-def test_a_receiver_that_is_plugged_in_again_goes_on(make: Callable[[], Any]) -> None:
-    world = Plugged(make())
+def test_a_receiver_that_is_plugged_in_again_goes_on() -> None:
+    world = Plugged(px4())
     world.hunt()
     world.plugs[1].pull()
     world.pass_s(4)
-    before = world.ned
-    world.pass_s(4)
-    assert world.ned == pytest.approx(before, abs=0.2)
+    world.stand_still(4, within_m=0.2)
     world.plugs[1].there = True
     assert world.end() == ("found", "found")
     lost, hovering, back, on = [
@@ -523,9 +581,8 @@ def test_a_receiver_that_is_plugged_in_again_goes_on(make: Callable[[], Any]) ->
     assert back.startswith("plug: back after 8.")
 
 
-@BOTH
-def test_a_receiver_that_stays_unplugged_makes_it_land(make: Callable[[], Any]) -> None:
-    world = Plugged(make())
+def test_a_receiver_that_stays_unplugged_makes_it_land() -> None:
+    world = Plugged(ardupilot())
     world.hunt()
     pulled = world.clock.now()
     world.plugs[1].pull()
@@ -568,24 +625,20 @@ def test_an_autopilot_whose_link_stays_lost_on_the_ground_is_none() -> None:
 
 def test_who_had_the_vehicle_meanwhile_is_seen_before_anything_is_ordered() -> None:
     """After an absence the pose may be there before the first heartbeat is."""
-    vehicle = ardupilot()
-    world = Plugged(vehicle)
-    world.port.says = lambda now: None
+    world = Plugged(ardupilot())
+    silent(world)
     world.until(lambda: world.session.navigation.track.newest)
     world.plugs[0].pull()
     world.pass_s(3)
-    vehicle._pilot.arm()
+    world.vehicle._pilot.arm()  # type: ignore[union-attr]
     world.port.says = world.frames
     world.plugs[0].there = True
-    world.between = without(dialect.MAVLINK_MSG_ID_HEARTBEAT)
-    world.pass_s(4)
+    world.between = without(HEARTBEAT)
+    world.stay_silent(4, since=0.0)
     assert world.client._preflight._has_pose(world.clock.now())
-    assert (world.client.outcome, world.orders()) == (None, [])
+    assert world.client.outcome is None
     world.between = bytes
-    assert world.end(3.0) == (
-        "failed",
-        "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover",
-    )
+    assert world.end(3.0) == ("failed", ARMED_ALREADY)
     assert world.orders() == []
 
 
@@ -617,21 +670,18 @@ def test_a_pilot_who_takes_over_hears_no_more_of_it(make: Callable[[], Any], mod
     world = World(make(), take_off=6.0, height=6.0, **({"patience_s": 3.0} if phase == "landing" else {}))
     world.reach("climbing" if phase == "climbing" else "flying")
     if phase == "landing":
-        world.port.says = lambda now: None
+        silent(world)
         world.reach("landing")
     world.pass_s(2)
     world.pilot(mode)
     taken = world.clock.now()
-    kind, how = world.end(1.5)
-    assert (kind, how) == ("failed", f"the mode is {name}: the pilot or a failsafe has taken over")
+    assert world.end(1.5) == ("failed", f"the mode is {name}: the pilot or a failsafe has taken over")
     let_go = world.clock.now()
     world.pass_s(2)
-    before = world.ned
-    world.pass_s(30)
+    world.stand_still(30)
     assert world.orders(let_go) == []
     assert {m.get_type() for m in world.orders(taken)} <= {"SET_POSITION_TARGET_LOCAL_NED"}  # until it was noticed
     assert {m.get_type() for at, m in world.told if at > let_go} <= {"HEARTBEAT", "COMMAND_LONG"}
-    assert world.ned == pytest.approx(before, abs=0.1)
     assert world.ned[2] < -1.0
     assert world.armed
 
@@ -640,8 +690,7 @@ def test_a_pilot_who_takes_over_after_the_victim_was_found_does_not_undo_that() 
     world = World(ardupilot())
     world.reach("landing")
     world.pilot(Mode.LOITER)
-    kind, how = world.end(2.0)
-    assert (kind, how) == ("found", "the mode is LOITER: the pilot or a failsafe has taken over")
+    assert world.end(2.0) == ("found", "the mode is LOITER: the pilot or a failsafe has taken over")
     assert world.client.outcome is not None
     assert world.client.outcome.found is not None
     assert world.client.outcome.found[:2] == VICTIM
@@ -649,114 +698,85 @@ def test_a_pilot_who_takes_over_after_the_victim_was_found_does_not_undo_that() 
 
 @BOTH
 def test_a_vehicle_that_reboots_is_let_go(make: Callable[[], Any]) -> None:
-    world = World(make())
-    world.hunt()
+    world = hunting(make())
     world.vehicle.reboot(world.clock.now())
     rebooted = world.clock.now()
-    kind, how = world.end(10.0)
-    assert kind == "failed"
+    how = world.fail(10.0)
     assert "it was disarmed" in how or "rebooted" in how or "the mode is" in how
-    let_go = world.clock.now()
-    world.pass_s(30)
-    assert world.orders(let_go) == []
+    world.stay_silent(30, since=world.clock.now())
     assert {m.get_type() for m in world.orders(rebooted)} <= {"SET_POSITION_TARGET_LOCAL_NED"}
 
 
-def test_a_reboot_that_only_the_clock_shows_is_one_too() -> None:
-    world = World(ardupilot())
-    world.hunt()
-    world.between = without(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+def reboots_unseen(world: World) -> None:
+    world.between = without(HEARTBEAT)
     world.vehicle.reboot(world.clock.now())
-    kind, how = world.end(4.0)
-    rebooted = "it has rebooted, or it is not the vehicle that was launched: its clock has gone back"
-    assert (kind, how) == ("failed", f"{rebooted}; {LEFT}: {GUIDED_ALONE}")
-    let_go = world.clock.now()
-    world.pass_s(10)
-    assert world.orders(let_go) == []
+
+
+def jumps(world: World) -> None:
+    world.between = changed(GLOBAL_POSITION, "lat", lambda lat: lat + 50_000)  # 556 m
+
+
+def is_another(world: World) -> None:
+    other = Encoder(1, 1).pack(dialect.MAVLink_heartbeat_message(2, dialect.MAV_AUTOPILOT_PX4, 128, 4, 4, 3))
+    world.between = lambda data: data + (other if data else b"")
+
+
+@pytest.mark.parametrize(
+    ("happens", "within_s", "how"),
+    [
+        (
+            reboots_unseen,
+            4.0,
+            "it has rebooted, or it is not the vehicle that was launched: its clock has gone back"
+            f"; {LEFT}: {GUIDED_ALONE}",
+        ),
+        (unplugged, 1.0, f"memory:a: lost: closed by the far end; {LEFT}: {GUIDED_ALONE}"),
+        (jumps, 1.0, f"its position has jumped by 555 m, or it is another vehicle; {LEFT}: {GUIDED_ALONE}"),
+        (is_another, 1.0, "uses its ids"),
+    ],
+)
+def test_one_that_is_lost_or_another_is_let_go(happens: Callable[[World], None], within_s: float, how: str) -> None:
+    world = hunting(ardupilot())
+    happened = world.clock.now()
+    happens(world)
+    assert how in world.fail(within_s)
+    if happens is unplugged:  # nothing can be sent any more
+        return
+    world.stay_silent(10, since=world.clock.now())
+    assert {m.get_type() for m in world.orders(happened)} <= {"SET_POSITION_TARGET_LOCAL_NED"}
+    assert happens is not jumps or world.orders(happened + 0.2) == []
 
 
 def test_an_autopilot_that_falls_silent_is_left_to_its_failsafe() -> None:
-    world = World(ardupilot())
-    world.hunt()
-    world.between = lambda data: b""
-    silent = world.clock.now()
-    kind, how = world.end()
-    assert (kind, how) == ("failed", f"the vehicle has not reported its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}")
-    assert 2 < world.clock.now() - silent < 3
-    blind = [m for at, m in world.told if at > silent + 1.5 and m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
-    assert {(m.vx, m.vy, m.vz) for m in blind} == {(0.0, 0.0, 0.0)}
-    ended = world.clock.now()
+    world = hunting(ardupilot())
+    deaf(world)
+    fell_silent = world.clock.now()
+    assert world.fail() == f"the vehicle has not reported its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}"
+    assert 2 < world.clock.now() - fell_silent < 3
+    assert {(m.vx, m.vy, m.vz) for at, m in set_points(world) if at > fell_silent + 1.5} == {(0.0, 0.0, 0.0)}
     world.between = bytes
-    world.pass_s(10)
-    assert world.orders(ended) == []
-
-
-def test_an_autopilot_whose_link_is_lost_is_left_to_its_failsafe() -> None:
-    world = World(ardupilot())
-    world.hunt()
-    world._tasks.pop(0)
-    world.far.close()
-    kind, how = world.end(1.0)
-    lost = "memory:a: lost: closed by the far end"
-    assert (kind, how) == ("failed", f"{lost}; {LEFT}: {GUIDED_ALONE}")
-
-
-def test_a_link_that_is_lost_before_anything_was_heard_is_none() -> None:
-    world = World(ardupilot())
-    world._tasks.pop(0)
-    world.far.close()
-    assert world.end(1.0) == ("no link", "memory:a: lost: closed by the far end")
+    world.stay_silent(10, since=world.clock.now())
 
 
 @BOTH
 def test_without_a_pose_it_hovers_and_then_lands(make: Callable[[], Any]) -> None:
-    world = World(make())
-    world.hunt()
-    world.between = without(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+    world = hunting(make())
+    world.between = without(GLOBAL_POSITION)
     stopped = world.clock.now()
     world.pass_s(3)
-    before = world.ned
-    world.pass_s(5)
-    assert world.ned == pytest.approx(before, abs=0.1)
-    kind, how = world.end()
-    assert kind == "failed"
-    assert how.startswith("no pose for 10 s: ")
+    world.stand_still(5)
+    assert world.fail().startswith("no pose for 10 s: ")
     (landed,) = {at for at, m in world.told if getattr(m, "command", None) == dialect.MAV_CMD_NAV_LAND} or {0.0}
     assert 9 < landed - stopped < 13
-    assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
+    assert world.on_the_ground
 
 
 def test_a_take_off_that_is_never_reached_ends_on_the_ground() -> None:
     vehicle = ardupilot()
     vehicle._pilot.take_off = lambda height: False  # type: ignore[method-assign]
     world = World(vehicle)
-    kind, how = world.end()
-    assert (kind, how) == ("failed", "it was disarmed; the mode is GUIDED; take-off: FAILED")
+    assert world.fail() == "it was disarmed; the mode is GUIDED; take-off: FAILED"
     assert world.ned[2] == 0.0
-
-
-def test_a_place_that_jumps_away_ends_the_search() -> None:
-    world = World(ardupilot())
-    world.hunt()
-    parser, encoder = Parser(), Encoder(1, 1)
-
-    def jumped(data: bytes) -> bytes:
-        out = b""
-        for packet in parser.feed(data):
-            message: Any = decode(packet)
-            if packet.msgid == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-                message.lat += 50_000  # 556 m
-                out += encoder.pack(message)
-            else:
-                out += packet.raw
-        return out
-
-    world.between = jumped
-    jumped_at = world.clock.now()
-    why = "its position has jumped by 555 m, or it is another vehicle"
-    assert world.end(1.0) == ("failed", f"{why}; {LEFT}: {GUIDED_ALONE}")
-    world.pass_s(10)
-    assert world.orders(jumped_at + 0.2) == []
 
 
 class Broken(GoTo):
@@ -795,38 +815,35 @@ def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> 
     world.pass_s(3)
     world.client.stop()
     assert "interrupted: the vehicle stays hovering" in world.said
-    assert world.end(3.0) == ("failed", in_words(because(Why.INTERRUPTED)))
+    assert world.fail(3.0) == INTERRUPTED
     stopped = world.clock.now()
     world.pass_s(4)
-    before = world.ned
-    world.pass_s(20)
-    assert world.ned == pytest.approx(before, abs=0.1)
+    world.stand_still(20)
     assert world.ned[2] < -1.0
     assert world.armed
     assert world.orders(stopped + 0.01) == []
-    vehicle = world.vehicle
-    assert vehicle.mode == HOLD if isinstance(vehicle, Px4) else vehicle._pilot.mode is Mode.GUIDED
+    assert world.mode == (HOLD if make is px4 else Mode.GUIDED)
 
 
 @BOTH
 def test_broken_off_while_it_lands_it_goes_on_landing_and_says_so(make: Callable[[], Any]) -> None:
     world = World(make(), take_off=4.0, height=4.0, patience_s=3.0)
     world.reach("flying")
-    world.port.says = lambda now: None
+    silent(world)
     world.reach("landing")
     world.pass_s(2)
     world.client.stop()
     assert "interrupted: the vehicle lands; the mode switch stops it" in world.said
     assert not any("hovering" in text for text in world.said if text.startswith("interrupted"))
-    assert world.end(30.0) == ("failed", in_words(because(Why.INTERRUPTED)))
-    assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
+    assert world.fail(30.0) == INTERRUPTED
+    assert world.on_the_ground
 
 
 def test_broken_off_before_anything_was_armed_it_ends_at_once() -> None:
     world = World(ardupilot(fix_after=1e6))
     world.pass_s(5)
     world.client.stop()
-    assert world.end(0.5) == ("failed", in_words(because(Why.INTERRUPTED)))
+    assert world.fail(0.5) == INTERRUPTED
     assert world.orders() == []
 
 
@@ -834,7 +851,7 @@ def test_broken_off_while_it_arms_it_is_disarmed() -> None:
     world = World(px4(healthy=False))
     world.reach("arming")
     world.client.stop()
-    assert world.end(3.0) == ("failed", in_words(because(Why.INTERRUPTED)))
+    assert world.fail(3.0) == INTERRUPTED
     assert (world.orders()[-1].command, world.orders()[-1].param1) == (dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
 
 
@@ -843,11 +860,9 @@ def test_broken_off_while_it_arms_it_is_disarmed() -> None:
 
 @BOTH
 def test_set_points_never_pause_while_they_steer(make: Callable[[], Any]) -> None:
-    world = World(make())
-    modes = []
-    world.until(lambda: modes.append(getattr(world.vehicle, "mode", None)) or world.client.outcome)
-    times = [at for at, m in world.told if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+    world, modes = flown(make)
+    times = [at for at, _ in set_points(world)]
     assert times[-1] - times[0] > 8
-    assert max(b - a for a, b in itertools.pairwise(times)) < 0.45
-    if isinstance(world.vehicle, Px4):
-        assert [mode for mode, _ in itertools.groupby(modes)][-3:] == [OFFBOARD, LAND, OFFBOARD]  # landed, disarmed
+    assert widest_gap(times) < (0.25 if make is px4 else 0.45)
+    if make is px4:
+        assert [mode for mode, _ in itertools.groupby(mode for _, mode in modes)][-3:] == [OFFBOARD, LAND, OFFBOARD]

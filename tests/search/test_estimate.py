@@ -31,7 +31,7 @@ def test_at_any_rate(rate_hz: float, speed: float) -> None:
     assert flight.fastest <= speed + 1e-9
 
 
-@pytest.mark.parametrize(("seed", "strength"), [(0, 0.6), (1, 1.6), (2, 0.6), (3, 1.6)])
+@pytest.mark.parametrize(("seed", "strength"), [(0, 0.6), (1, 1.6)])
 def test_however_it_lies_buried_and_however_strong_it_is(seed: int, strength: float) -> None:
     transmitter, start = buried(seed, strength)
     flight = fly(Estimate(1.0), transmitter, start=start, seed=seed)

@@ -12,8 +12,8 @@ from tools.fuzz.sensors import BAROMETER, Flight, Lie
 @pytest.mark.parametrize(
     ("kind", "size", "from_s"),
     [
-        *(("offset", 5.0, from_s) for from_s in (0.0, 15.0)),
-        *(("limit", 0.0, from_s) for from_s in (0.0, 15.0)),
+        ("offset", 5.0, 0.0),
+        ("limit", 0.0, 15.0),
         ("offset", 2.0, 15.0),
         ("affine", 0.0, 0.0),
         ("factor", 2.0, 15.0),
@@ -26,13 +26,12 @@ def test_a_rangefinder_that_reads_too_high_lands_nothing(kind: str, size: float,
     assert kind == "limit" or [e.sensor for e in report.disagreements] == ["rangefinder"]
 
 
-@pytest.mark.parametrize("metres", [5.0, 9.0])
-def test_the_height_reference_moves_with_an_altitude_that_jumps(metres: float) -> None:
-    report = Flight(Lie("altitude", "reset", metres, 15.0), sensors=BAROMETER, limit_s=30.0).report()
+def test_the_height_reference_moves_with_an_altitude_that_jumps() -> None:
+    report = Flight(Lie("altitude", "reset", 5.0, 15.0), sensors=BAROMETER, limit_s=30.0).report()
     assert not report.fault
     assert report.lowest > 2.0
     (event,) = report.disagreements
-    assert (event.sensor, event.value_m - event.other_m) == ("altitude", pytest.approx(metres, abs=0.3))
+    assert (event.sensor, event.value_m - event.other_m) == ("altitude", pytest.approx(5.0, abs=0.3))
 
 
 def test_a_rangefinder_that_drifts_is_found_by_hovering_and_ends_the_search() -> None:

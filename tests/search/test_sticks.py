@@ -10,7 +10,7 @@ import pytest
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.autopilot import Mode
 from tests import simulated_px4
-from tests.search.test_client import BOTH, World, px4
+from tests.search.test_client import BOTH, World, ardupilot, hunting, px4, set_points
 from tests.simulated_px4 import HOLD, OFFBOARD, POSITION, Px4
 
 SET_MODE = dialect.MAV_CMD_DO_SET_MODE
@@ -37,12 +37,6 @@ class Radio:
         return Encoder(1, 1).pack(dialect.MAVLink_rc_channels_message(0, len(self.pulses), *pulses, 255))
 
 
-def joystick(world: World, *axes: int) -> None:
-    """x, y, z and r of the sticks that PX4 uses."""
-    assert isinstance(world.vehicle, Px4)
-    world.vehicle.manual = axes  # type: ignore[assignment]
-
-
 def modes_ordered(world: World, since: float) -> list[int]:
     orders = [m for m in world.orders(since) if m.get_type() == "COMMAND_LONG"]
     assert all(m.command == SET_MODE for m in orders)
@@ -51,33 +45,40 @@ def modes_ordered(world: World, since: float) -> list[int]:
 
 def is_given_to_the_pilot(world: World, why: str) -> None:
     """The vehicle stops, its mode is ordered once, and then there is silence."""
-    moved, ours = world.clock.now(), isinstance(world.vehicle, Px4)
-    name, mode = ("hold", HOLD) if ours else ("LOITER", int(Mode.LOITER))
-    assert world.end(WITHIN_S) == ("failed", f"the pilot has moved {why}; the pilot has it, in {name}")
-    ended = world.clock.now()
-    world.pass_s(10)
-    assert (world.vehicle.mode if ours else world.vehicle._pilot.mode) == mode  # type: ignore[union-attr]
+    moved = world.clock.now()
+    name, mode = ("hold", HOLD) if isinstance(world.vehicle, Px4) else ("LOITER", int(Mode.LOITER))
+    assert world.fail(WITHIN_S) == f"the pilot has moved {why}; the pilot has it, in {name}"
+    world.stay_silent(10, since=world.clock.now())
+    assert world.mode == mode
     assert modes_ordered(world, moved) == [mode]
-    assert world.orders(ended) == []
 
 
 # -- what is a pilot ---------------------------------------------------------------------------------------
 
 
-@BOTH
-@pytest.mark.parametrize(("phase", "channel"), [("climbing", 3), ("flying", 1), ("flying", 3)])
+def sticks(world: World, *pulses: int) -> None:
+    getattr(world.vehicle, "_vehicle", world.vehicle)._pilot.sticks = pulses
+
+
+@pytest.mark.parametrize(
+    ("make", "phase", "channel"), [(ardupilot, "climbing", 1), (px4, "climbing", 3), (px4, "flying", 1)]
+)
 def test_a_radio_that_px4_does_not_use_is_a_pilots_too(make: Callable[[], Any], phase: str, channel: int) -> None:
     world = World(make(), take_off=5.0, height=5.0)
     world.reach(phase)
     world.pass_s(2)
-    pilot = getattr(world.vehicle, "_vehicle", world.vehicle)._pilot
-    pilot.sticks = tuple(1500 + 300 * (n == channel) for n in range(1, 5))
-    if not isinstance(world.vehicle, Px4) and channel == 3:
-        world.pass_s(2)  # it hovers until the throttle is in the middle
-        pilot.sticks = (1500, 1800, 1500, 1500)
-        world.end(WITHIN_S)
-        return
+    sticks(world, *(1500 + 300 * (n == channel) for n in range(1, 5)))
     is_given_to_the_pilot(world, f"a stick (channel {channel}, by 300 µs)")
+
+
+def test_ardupilot_gets_its_throttle_into_the_middle_first() -> None:
+    world = World(ardupilot(), take_off=5.0, height=5.0)
+    world.reach("climbing")
+    world.pass_s(2)
+    sticks(world, 1500, 1500, 1800, 1500)
+    world.pass_s(2)
+    sticks(world, 1500, 1800, 1500, 1500)
+    world.end(WITHIN_S)
 
 
 @pytest.mark.parametrize(
@@ -92,9 +93,8 @@ def test_a_joystick_of_px4_is_a_pilots(before: Any, axes: tuple[int, ...], what:
     """It may appear in flight, already moved."""
     vehicle = px4()
     vehicle.manual = before
-    world = World(vehicle)
-    world.hunt()
-    joystick(world, *axes)
+    world = hunting(vehicle)
+    vehicle.manual = axes
     is_given_to_the_pilot(world, f"a stick ({what}, by 70 %)")
 
 
@@ -123,39 +123,37 @@ def modes_ordered_so_far(world: World) -> list[int]:
 
 def test_px4_may_give_the_vehicle_to_the_sticks_itself() -> None:
     """With COM_RC_OVERRIDE 3: then Hold would take it from them."""
-    world = World(px4())
-    joystick(world, 0, 0, 500, 0)
-    world.hunt()
+    vehicle = px4()
+    vehicle.manual = (0, 0, 500, 0)
+    world = hunting(vehicle)
     moved = world.clock.now()
-    joystick(world, 400, 0, 500, 0)
+    vehicle.manual = (400, 0, 500, 0)
     world.until(lambda: world.client._commander.phase.name == "YIELDING", 1.0)
     world.pilot(POSITION)
     taken = "the mode is position: the pilot or a failsafe has taken over"
-    assert world.end(1.0) == ("failed", f"the pilot has moved a stick (pitch, by 40 %); {taken}")
+    assert world.fail(1.0) == f"the pilot has moved a stick (pitch, by 40 %); {taken}"
     world.pass_s(5)
     assert modes_ordered(world, moved) == []
-    assert world.vehicle.mode == POSITION  # type: ignore[union-attr]
+    assert world.mode == POSITION
 
 
 @BOTH
 def test_a_stick_stops_the_vehicle_before_its_mode_changes(make: Callable[[], Any]) -> None:
-    world = World(make())
-    world.hunt()
-    getattr(world.vehicle, "_vehicle", world.vehicle)._pilot.sticks = (1800, 1500, 1500, 1500)
+    world = hunting(make())
+    sticks(world, 1800, 1500, 1500, 1500)
     world.until(lambda: world.client._commander.phase.name == "YIELDING", 0.5)
     stopped = world.clock.now()
     world.end(1.0)
-    assert {(m.vx, m.vy, m.vz) for at, m in world.told if at > stopped and m.get_type().startswith("SET_POS")} == {
-        (0, 0, 0)
-    }
+    assert {(m.vx, m.vy, m.vz) for at, m in set_points(world) if at > stopped} == {(0, 0, 0)}
 
 
 def test_a_stick_that_moves_while_px4_still_stands_keeps_it_on_the_ground(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(simulated_px4._COMMANDS, dialect.MAV_CMD_NAV_TAKEOFF, lambda *_: (0,))  # it is late
-    world = World(px4())
+    vehicle = px4()
+    world = World(vehicle)
     world.reach("climbing")
-    joystick(world, 700, 0, 500, 0)
-    assert world.end(WITHIN_S) == ("failed", "the pilot has moved a stick (pitch, by 70 %)")
+    vehicle.manual = (700, 0, 500, 0)
+    assert world.fail(WITHIN_S) == "the pilot has moved a stick (pitch, by 70 %)"
     world.pass_s(5)
     assert world.ned[2] == pytest.approx(0.0, abs=0.01)
 
@@ -176,26 +174,27 @@ def test_a_stick_that_moves_while_px4_still_stands_keeps_it_on_the_ground(monkey
 def test_these_axes_are_no_pilot(axes: list[Any]) -> None:
     vehicle = px4()
     vehicle.manual = axes[0]
-    world = World(vehicle)
-    world.hunt()
+    world = hunting(vehicle)
     for there in axes[1:]:
         vehicle.manual = there
         world.pass_s(1.5)
     assert world.end() == ("found", "found")
 
 
-@BOTH
 @pytest.mark.parametrize(
-    "pulses",
+    ("make", "pulses"),
     [
-        [
-            *(AT_REST, (1560, 1440, 1560, 1440, 1010, 1490)),  # jitter
-            *((*AT_REST[:5], 1500 + 40 * n) for n in range(1, 10)),  # a knob, or the quality of the link
-        ],
-        [(1300, 1700, 1000, 1500, 2000, 1000)] * 2,  # not in the middle from the start
-        [AT_REST, AT_REST[:4], AT_REST],  # channels that go and come
-        [(0,) * 6, (0,) * 6, (1510, 1490, 1000, 1500, 2000, 1000)],  # a radio that is switched on in flight
-        [AT_REST, (1500, 1500, 900, 1500, 2000, 2000), AT_REST],  # one that is lost: by ArduPilot's FS_THR_VALUE
+        (
+            ardupilot,
+            [
+                *(AT_REST, (1560, 1440, 1560, 1440, 1010, 1490)),  # jitter
+                *((*AT_REST[:5], 1500 + 40 * n) for n in range(1, 10)),  # a knob, or the quality of the link
+            ],
+        ),
+        (ardupilot, [AT_REST, AT_REST[:4], AT_REST]),  # channels that go and come
+        (ardupilot, [AT_REST, (1500, 1500, 900, 1500, 2000, 2000), AT_REST]),  # one that is lost: by FS_THR_VALUE
+        (px4, [(1300, 1700, 1000, 1500, 2000, 1000)] * 2),  # not in the middle from the start
+        (px4, [(0,) * 6, (0,) * 6, (1510, 1490, 1000, 1500, 2000, 1000)]),  # a radio that is switched on in flight
     ],
 )
 def test_these_pulses_are_no_pilot(make: Callable[[], Any], pulses: list[tuple[int, ...]]) -> None:
@@ -208,11 +207,9 @@ def test_these_pulses_are_no_pilot(make: Callable[[], Any], pulses: list[tuple[i
     assert world.end() == ("found", "found")
 
 
-@BOTH
-def test_a_switch_on_the_ground_is_no_reason_to_stay_there(make: Callable[[], Any]) -> None:
+def test_a_switch_on_the_ground_is_no_reason_to_stay_there() -> None:
     """It may be what lets the vehicle arm."""
-    vehicle = make()
-    world = World(vehicle)
+    world = World(ardupilot())
     radio = Radio(world, *AT_REST)
     world.reach("arming")
     radio.pulses = (*AT_REST[:4], 2000, AT_REST[5])
@@ -222,8 +219,7 @@ def test_a_switch_on_the_ground_is_no_reason_to_stay_there(make: Callable[[], An
 @BOTH
 def test_only_the_autopilots_own_messages_count(make: Callable[[], Any]) -> None:
     """A ground station's MANUAL_CONTROL on the link is a request that the autopilot may ignore."""
-    world = World(make())
-    world.hunt()
+    world = hunting(make())
     sources = [Encoder(255, 190), Encoder(2, 1), Encoder(1, 190), Encoder(1, 193)]
     sticks = dialect.MAVLink_manual_control_message(1, 1000, 1000, 1000, 1000, 0)
     radio = dialect.MAVLink_rc_channels_message(0, 4, *[2000] * 4, *[0xFFFF] * 14, 255)

@@ -35,7 +35,7 @@ spec: 2
 datum: {lat: 46.0, lon: 7.0, alt: 1000.0}
 transmitters: [{id: 1, ned: [9, -11, 0.5]}, {id: 2, ned: [-8, 3, 1]}]
 """
-LIMIT_S, BEGINS_S = 30.0, 14.0  # of the search; of the lies, after the take-off
+LIMIT_S, BEGINS_S = 15.0, 14.0  # of the search; of the lies, after the take-off
 LANDING_S = 200.0  # three descents from 6 m, 60 s each, and the landing itself
 
 Place = NDArray[np.float64]  # NED
