@@ -142,7 +142,7 @@ class Emulator:
     ) -> None:
         if not vehicles:
             raise ValueError("vehicles: none, expected one VehicleSetup at least, e.g. one_vehicle(scenario)")
-        self._now = start  # of the last `advance`
+        self._now = -math.inf  # of the last `advance`
         truth = any(setup.scenario.pose == "truth" for setup in vehicles)
         self.options = EngineOptions(look_ahead_s, tell_packets, tell_status, needs_times=tell_packets or truth)
         scenarios = [receiver.scenario for setup in vehicles for receiver in setup.receivers]

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.config import Scenario, parse
+from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.emulator.receivers import Schedule
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder, dialect
@@ -267,6 +269,16 @@ def test_a_vehicle_without_a_fix_gets_one_line_that_says_why() -> None:
     assert bench.diary.said("still no pose") == 1
     assert bench.diary.said("no GPS fix") == 1
     assert all(s.pose is None for s in bench.diary.frames)
+
+
+def test_bytes_that_come_before_the_start_are_used_and_the_first_frame_waits_for_it() -> None:
+    emulator, vehicle = Emulator([one_vehicle(quiet(), Session())], start=5.0), SimulatedVehicle(HOME)
+    emulator.receive("autopilot", vehicle.poll(4.0), 4.0)
+    emulator.advance(4.0)
+    assert emulator.vehicles[0].session.vehicle is not None
+    assert [output.link for output in emulator.output()] == ["autopilot"]
+    emulator.advance(5.0)
+    assert "port" in [output.link for output in emulator.output()]
 
 
 def test_no_heartbeat_in_time_ends_it_and_says_what_was_heard() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -248,8 +247,8 @@ def test_what_is_reported_late_is_where_the_vehicle_was() -> None:
 
 
 def test_a_walk_has_its_size_and_its_correlation_time() -> None:
-    error = PoseError((0, 0, 0), 1.5, 20.0, 0.0, seed=3)
-    walk = np.array([error.true_pose(t, np.zeros(3), np.array([1.0, 0, 0, 0]))[0] for t in range(20_000)])
+    error = PoseError((0, 0, 0), 1.5, 4.0, 0.0, seed=3)
+    walk = np.array([error.true_pose(t / 5, np.zeros(3), np.array([1.0, 0, 0, 0]))[0] for t in range(20_000)])
     assert walk.std() == pytest.approx(1.5, rel=0.1)
     later = (walk[20:] * walk[:-20]).mean() / (walk**2).mean()
     assert later == pytest.approx(math.exp(-1), abs=0.08)
@@ -337,8 +336,8 @@ def flown(gps_noise_m: float, seed: int, strategy: str = "estimate") -> tuple[fl
 
 def test_the_noise_of_the_gps_is_an_error_of_what_a_search_reaches() -> None:
     """When it heard where it believed to be, the error cancelled: 0.2 m were reported 3 m beside the victim."""
-    (error_m, off_m), noisy = flown(0.0, 0), [flown(1.0, seed, "flux") for seed in (1, 3, 4)]
+    (error_m, off_m), (noisy_m, noisy_off_m) = flown(0.0, 0), flown(1.0, 1, "flux")
     assert error_m < 0.1
-    assert statistics.median(error for error, _ in noisy) > 0.5
+    assert noisy_m > 0.5
     assert off_m < 0.4
-    assert statistics.median(off for _, off in noisy) > 0.5
+    assert noisy_off_m > 0.5
