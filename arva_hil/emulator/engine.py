@@ -53,24 +53,6 @@ class EngineOptions:
     """Use packets at their arrival times: for a record, and for a simulator's truth, which has no clock."""
 
 
-class _Chunks:
-    """Remembers the newest event of packets, to add the chunks that follow it on its link before another event."""
-
-    def __init__(self) -> None:
-        self._newest: PacketsReceived | None = None
-        self._later: list[tuple[float, Sequence[Packet]]] = []
-
-    def add(self, events: list[Event], link: str, packets: Sequence[Packet], now: float) -> None:
-        """Add a chunk to `events`."""
-        newest = self._newest
-        if newest and events and events[-1] is newest and link == newest.link:
-            self._later.append((now, packets))
-        else:
-            self._later = []
-            self._newest = PacketsReceived(now, link, packets, self._later)
-            events.append(self._newest)
-
-
 class _VehicleLink:
     """Remembers the vehicles on one link. Raises ValueError if the readers of their sessions differ.
 
@@ -171,7 +153,6 @@ class Emulator:
         self._unwritten: dict[int, tuple[EmulatedVehicle, Port, Parcel]] = {}
         self._events: list[Event] = []
         self._next_status = start
-        self._chunks = _Chunks()
 
     def receive(
         self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False
@@ -190,7 +171,7 @@ class Emulator:
         for followed in self._followed.values():
             followed.on_packets(packets, now)
         if self.options.tell_packets:
-            self._chunks.add(self._events, link, packets if vehicles.follows(sender) else (), now)
+            self._events.append(PacketsReceived(now, link, packets if vehicles.follows(sender) else ()))
         self._events += events
         return NOBODY if sender is None else vehicles.addressees
 

@@ -82,14 +82,10 @@ class StrangersIgnored(LinkEvent):
 
 
 class PacketsReceived(Event):
-    """All packets of one chunk on the engine's `link`, of every sender, also those that are not used.
-
-    `later`: the chunks that followed on the link before another event, each with its time.
-    """
+    """All packets of one chunk on the engine's `link`, of every sender, also those that are not used."""
 
     link: str
     packets: Sequence[Packet]
-    later: Sequence[tuple[float, Sequence[Packet]]] = ()
 
 
 class LogLayout(Event):

@@ -84,8 +84,7 @@ def poses(diary: Diary) -> list[object]:
 
 def received(diary: Diary) -> list[tuple[float, bytes]]:
     """Each chunk of packets with its time."""
-    told = [chunk for event in diary.packets for chunk in ((event.time_s, event.packets), *event.later)]
-    return [(at, b"".join(packet.raw for packet in chunk)) for at, chunk in told]
+    return [(event.time_s, b"".join(packet.raw for packet in event.packets)) for event in diary.packets]
 
 
 @settings(max_examples=15, deadline=None)

@@ -50,13 +50,12 @@ class Vitals:
 
     def on_packets(self, event: PacketsReceived) -> None:
         """Keep the newest packets of each kind."""
-        for time_s, packets in ((event.time_s, event.packets), *event.later):
-            for packet in packets:
-                if packet.component == _AUTOPILOT and not packet.refused:
-                    source = event.link, packet.system
-                    self._heard_s[source] = time_s
-                    if packet.msgid in USED:
-                        self._newest.setdefault(source, {})[packet.msgid] = packet
+        for packet in event.packets:
+            if packet.component == _AUTOPILOT and not packet.refused:
+                source = event.link, packet.system
+                self._heard_s[source] = event.time_s
+                if packet.msgid in USED:
+                    self._newest.setdefault(source, {})[packet.msgid] = packet
 
     def forget(self) -> None:
         """Forget all vehicles."""

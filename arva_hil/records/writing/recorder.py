@@ -87,11 +87,10 @@ class Recorder(GrowingFiles):
 
     def _on_packets(self, event: PacketsReceived) -> None:
         pending = self._pending[self._layout.tlog(event.link)]
-        for time_s, packets in ((event.time_s, event.packets), *event.later):
-            time_us = self._epoch_us + round(time_s * 1e6)
-            for packet in packets:
-                if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
-                    pending += tlog_record(time_us, packet.raw)
+        time_us = self._epoch_us + round(event.time_s * 1e6)
+        for packet in event.packets:
+            if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
+                pending += tlog_record(time_us, packet.raw)
         if len(pending) > _BATCH_BYTES:
             self._flush()
 
