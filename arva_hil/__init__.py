@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from arva_hil.emulator.formats import MavlinkFormat
     from arva_hil.emulator.ports import Output
     from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup, one_vehicle
-    from arva_hil.emulator.snapshot import Snapshot
+    from arva_hil.emulator.world import Snapshot
     from arva_hil.errors import ArvaError, KindError, UnknownKindError
     from arva_hil.events import Event, FrameMade
     from arva_hil.links import Address, AddressError, Link, LinkEnded, LinkError, Opening
@@ -59,7 +59,7 @@ _MODULES: Final = {
     "emulator.formats": "Format FrameDecoder MavlinkFormat",
     "emulator.ports": "Output",
     "emulator.setup": "ReceiverSetup VehicleSetup one_vehicle",
-    "emulator.snapshot": "Snapshot",
+    "emulator.world": "Snapshot",
     "errors": "ArvaError KindError UnknownKindError",
     "events": "Event FrameMade",
     "model.field": "LocalFrame Transmitters dipole_field",

@@ -23,7 +23,7 @@ import numpy as np
 from arva_hil.campaign.plan import draw
 from arva_hil.clock import StepClock
 from arva_hil.config import Fault, NavigationError, Scenario
-from arva_hil.config.drawn import Random
+from arva_hil.config.campaign import Random
 from arva_hil.config.receiver import MountOptions
 from arva_hil.model.field import rotation
 from arva_hil.model.receiver.pulsed import PulsedReceiver

@@ -9,10 +9,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from arva_hil.config.campaign import CampaignPlan
+from arva_hil.config.campaign import CampaignPlan, Random
 from arva_hil.config.common import Angles
 from arva_hil.config.constraints import ListOf
-from arva_hil.config.drawn import Random
 from arva_hil.config.faults import Fault
 from arva_hil.config.json_schema import FILES, schema_text
 from arva_hil.config.receiver import ReceiverOptions

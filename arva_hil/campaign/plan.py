@@ -17,8 +17,7 @@ from typing import Any, Final
 
 from arva_hil.campaign.trial import Trial
 from arva_hil.config import NoiseKind, Scenario, Transmitter, to_dict
-from arva_hil.config.campaign import CampaignPlan
-from arva_hil.config.drawn import Random
+from arva_hil.config.campaign import CampaignPlan, Random
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.transmitter import KeyingOptions
 from arva_hil.model.field import rotation

@@ -20,8 +20,7 @@ from arva_hil.emulator.setup import VehicleSetup, receivers_of
 from arva_hil.events import LogClockSet, LogLayout
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.links.tlog import TlogReader
-from arva_hil.links.tlog_layout import BIG
+from arva_hil.links.tlog import BIG, TlogReader
 from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 import numbers
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from arva_hil.config.errors import ConstraintError, Violation, any_of, wrong
-from arva_hil.config.nodes import Items, Scalar
+from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, any_of, wrong
+from arva_hil.config.nodes import Items, Scalar, folder_of
 from arva_hil.errors import KindError, UnknownKindError, nearest
 from arva_hil.registry import Registry
 
@@ -282,3 +283,33 @@ def read_each(items: Sequence[Any], reads: Iterable[Callable[[Any], Any]]) -> tu
             values.append(error.given)
             violations += error.below(index)
     return values, violations
+
+
+class NamedFile(Constraint):
+    """The name of a file, from the folder of the file that names it; in Python also its content."""
+
+    def content(self, value: Any) -> Any:
+        """Return a value that is no name; None for others."""
+        raise NotImplementedError
+
+    def load(self, path: str) -> Any:
+        """Return the content of a file. Raises ScenarioError with the first mistake."""
+        raise NotImplementedError
+
+    def read(self, value: Any) -> Any:
+        if (content := self.content(value)) is not None:
+            return content
+        if not isinstance(value, str) or not value:
+            raise wrong(str(self))
+        try:
+            return self.load(os.path.join(folder_of(value), value))
+        except ScenarioError as error:
+            (problem,) = error.problems
+            found = f"{problem.source}:{problem.line}:{problem.column}: {problem.found}"
+            raise wrong(problem.expected, found) from None
+
+    def plain(self, value: Any, spec: int) -> str:
+        return value if isinstance(value, str) else str(value.source)
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "string", "minLength": 1}

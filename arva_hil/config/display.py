@@ -4,45 +4,30 @@ import math
 import os
 from typing import TYPE_CHECKING, Any, Final
 
-from arva_hil.config import nodes
-from arva_hil.config.constraints import FLOAT, Constraint
-from arva_hil.config.errors import Problem, ScenarioError, short, wrong
+from arva_hil.config.constraints import FLOAT, NamedFile
+from arva_hil.config.errors import Problem, ScenarioError, short
 from arva_hil.config.tables import Table, key
 
 if TYPE_CHECKING:
-    from arva_hil.model.receiver.display_law import DisplayLaw
+    from arva_hil.model.receiver.display import DisplayLaw
 
 _HEAD: Final = "h_na_m,d_m"
 _LARGEST: Final = 1 << 20  # bytes
 
 
-class _LawFile(Constraint):
-    """The name of a file, from the folder of the file that names it; in Python also a `DisplayLaw`."""
-
+class _LawFile(NamedFile):
     def __str__(self) -> str:
         return f"a CSV file with the columns {_HEAD}"
 
-    def read(self, value: Any) -> "DisplayLaw":
+    def content(self, value: Any) -> "DisplayLaw | None":
+        from arva_hil.model.receiver.display import DisplayLaw  # slow to import
+
+        return value if isinstance(value, DisplayLaw) else None
+
+    def load(self, path: str) -> "DisplayLaw":
         from arva_hil.config.reading import read_text  # slow to import
-        from arva_hil.model.receiver.display_law import DisplayLaw
 
-        if isinstance(value, DisplayLaw):
-            return value
-        if not isinstance(value, str) or not value:
-            raise wrong(str(self))
-        path = os.path.join(nodes.folder_of(value), value)
-        try:
-            return parse_law(read_text(path, str(self), _LARGEST), path)
-        except ScenarioError as error:
-            (problem,) = error.problems
-            found = f"{problem.source}:{problem.line}:{problem.column}: {problem.found}"
-            raise wrong(problem.expected, found) from None
-
-    def plain(self, value: Any, spec: int) -> str:
-        return str(value.source)
-
-    def json(self) -> dict[str, Any]:
-        return {"type": "string", "minLength": 1}
+        return parse_law(read_text(path, str(self), _LARGEST), path)
 
 
 class DisplayOptions(Table):
@@ -53,7 +38,7 @@ class DisplayOptions(Table):
 
 def parse_law(text: str, source: str) -> "DisplayLaw":
     """Return the law in a text; `source` names it. Raises ScenarioError with the first mistake."""
-    from arva_hil.model.receiver.display_law import DisplayLaw  # slow to import
+    from arva_hil.model.receiver.display import DisplayLaw  # slow to import
 
     def fail(line: int, column: int, found: str, expected: str) -> ScenarioError:
         return ScenarioError([Problem(source, line, column, found, expected)])

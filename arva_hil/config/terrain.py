@@ -7,9 +7,8 @@ from array import array
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from arva_hil.config import nodes
-from arva_hil.config.constraints import FLOAT, Constraint
-from arva_hil.config.errors import Problem, ScenarioError, Violation, short, wrong
+from arva_hil.config.constraints import FLOAT, NamedFile
+from arva_hil.config.errors import Problem, ScenarioError, Violation, short
 from arva_hil.config.tables import items_of
 from arva_hil.config.transmitter import Lla
 
@@ -23,33 +22,21 @@ _MOST: Final = 10_000  # rows, columns
 _HEADER: Final = ("ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value")
 
 
-class Terrain(Constraint):
+class Terrain(NamedFile):
     """The name of a file, from the scenario's folder, or `autopilot`; in Python also a `TerrainGrid`."""
 
     def __str__(self) -> str:
         return "a file of heights, or autopilot"
 
-    def read(self, value: Any) -> "TerrainGrid | str":
+    def content(self, value: Any) -> "TerrainGrid | str | None":
         from arva_hil.model.field.terrain import TerrainGrid  # slow to import
 
-        if isinstance(value, TerrainGrid):
-            return value
-        if not isinstance(value, str) or not value:
-            raise wrong(str(self))
         if value == AUTOPILOT:
             return AUTOPILOT
-        try:
-            return load_grid(os.path.join(nodes.folder_of(value), value))
-        except ScenarioError as error:
-            (problem,) = error.problems
-            found = f"{problem.source}:{problem.line}:{problem.column}: {problem.found}"
-            raise wrong(problem.expected, found) from None
+        return value if isinstance(value, TerrainGrid) else None
 
-    def plain(self, value: Any, spec: int) -> str:
-        return value if isinstance(value, str) else str(value.source)
-
-    def json(self) -> dict[str, Any]:
-        return {"type": "string", "minLength": 1}
+    def load(self, path: str) -> "TerrainGrid":
+        return load_grid(path)
 
 
 def ground_conflicts(of: Any) -> Iterator[Violation]:

@@ -7,13 +7,11 @@ from itertools import repeat
 from typing import Final, NamedTuple
 
 from arva_hil.emulator import build
-from arva_hil.emulator.followed_system import FollowedSystem
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.ports import Parcel, Port, encoder
 from arva_hil.emulator.receivers import EmulatedReceiver
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
-from arva_hil.emulator.snapshot import Snapshot
-from arva_hil.emulator.world import VehicleWorld
+from arva_hil.emulator.world import FollowedSystem, Snapshot, VehicleWorld
 from arva_hil.events import Event, FrameMade, HeartbeatMissing, ReceiverStatus, VehicleStatus
 from arva_hil.mavlink.packet import Packet
 from arva_hil.registry import FORMATS

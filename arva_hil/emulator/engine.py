@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
-from arva_hil.emulator.followed_system import FollowedSystem
 from arva_hil.emulator.ports import Output, Parcel, Port
 from arva_hil.emulator.setup import VehicleSetup
+from arva_hil.emulator.world import FollowedSystem
 from arva_hil.events import Event, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
 

@@ -13,7 +13,7 @@ import firmware_proto
 from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import mount, sling, vehicle_noise
-from arva_hil.emulator.snapshot import Snapshot
+from arva_hil.emulator.world import Snapshot
 from arva_hil.events import Event, FrameMade, PoseFound, PoseLost, PoseMissing
 from arva_hil.model.field import Transmitters
 from arva_hil.model.receiver import Answer, ChannelReading, Impairment, Look, Pose, Reading, ReceiverModel

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from arva_hil.campaign.plan import draw, size, trials, wind
 from arva_hil.config import Scenario, ScenarioError, load
-from arva_hil.config.campaign import CampaignPlan, load_plan, parse_plan
-from arva_hil.config.drawn import Random
+from arva_hil.config.campaign import CampaignPlan, Random, load_plan, parse_plan
 from arva_hil.model.field import rotation
 from tests.every import every
 

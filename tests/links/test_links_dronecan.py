@@ -11,7 +11,7 @@ import pytest
 
 from arva_hil.clock import RealClock
 from arva_hil.links import AddressError, Link, LinkError, open_link
-from arva_hil.links.can_bus import open_bus
+from arva_hil.links.dronecan import open_bus
 from arva_hil.links.reconnecting import open_reconnecting
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.every import every

@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field import dipole_field
 from arva_hil.model.receiver import Antennas, Zone, outputs
-from arva_hil.model.receiver.noise import NoiseKind, NoiseSource, draw_noise, noise_bound
-from arva_hil.model.receiver.paper import receive, rounded
+from arva_hil.model.receiver.paper import NoiseKind, NoiseSource, draw_noise, noise_bound, receive, rounded
 from tests.every import every
 
 K = 1.542

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field import Mount, Transmitters
 from arva_hil.model.receiver import Antennas, ChannelReading, PaperReceiver, Reading, Zone
-from arva_hil.model.receiver.noise import NoiseKind, NoiseSource, noise_bound
-from arva_hil.model.receiver.paper import FEW
+from arva_hil.model.receiver.paper import FEW, NoiseKind, NoiseSource, noise_bound
 from tests.paper_receiver import Receiver
 
 QUIET = Antennas(noise="off")

@@ -16,7 +16,7 @@ from arva_hil.config import MountOptions, Noise, ReceiverOptions, Scenario, Tran
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.emulated_vehicle import Unit, make_unit
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
-from arva_hil.emulator.snapshot import Snapshot
+from arva_hil.emulator.world import Snapshot
 from arva_hil.events import FrameMade
 from arva_hil.model.field import LocalFrame, MovingTransmitters
 from arva_hil.model.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel, ReceiverSettings

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from arva_hil.campaign import trial
 from arva_hil.campaign.plan import draw
-from arva_hil.config.drawn import Random
+from arva_hil.config.campaign import Random
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.strategy import Observation
 from tests.search.world import PAPER, buried, fly

@@ -16,7 +16,7 @@ import pytest
 
 from arva_hil.campaign.plan import draw
 from arva_hil.config import load
-from arva_hil.config.drawn import Random
+from arva_hil.config.campaign import Random
 
 from .autopilots import ArduCopter, BuiltIn, Maker, Px4
 from .flight import Flown, fly

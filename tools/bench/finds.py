@@ -23,7 +23,7 @@ from arva_hil.campaign.plan import draw
 from arva_hil.campaign.trial import FOUND
 from arva_hil.clock import StepClock
 from arva_hil.config import Fault, Scenario, load
-from arva_hil.config.drawn import Random
+from arva_hil.config.campaign import Random
 from arva_hil.events.words.reasons import in_words
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run

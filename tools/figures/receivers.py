@@ -21,8 +21,7 @@ from arva_hil.model.field.medium import Medium, skin_depth_m
 from arva_hil.model.field.vehicle_noise import VehicleNoise
 from arva_hil.model.receiver import Answer, Look, Pose
 from arva_hil.model.receiver.display import Display
-from arva_hil.model.receiver.noise import draw_noise, noise_bound
-from arva_hil.model.receiver.paper import Antennas, PaperReceiver
+from arva_hil.model.receiver.paper import Antennas, PaperReceiver, draw_noise, noise_bound
 from tools.figures.hovering import PAPER, Hovering, transmitters
 from tools.figures.sets import AXIS, EQUATOR, KAPPA_EQ, field, highest, novice, options, overlap, reach, sets, shown_at
 

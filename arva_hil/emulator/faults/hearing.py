@@ -15,7 +15,7 @@ from arva_hil.config import Fault, FaultKind, Scenario
 from arva_hil.config.constraints import Number
 from arva_hil.config.faults import TRANSMITTER
 from arva_hil.model.receiver import Answer, Antennas, Impairment, Look, Reading, ReceiverModel, with_true_ranges
-from arva_hil.model.receiver.noise import NoiseSource, noise_bound
+from arva_hil.model.receiver.paper import NoiseSource, noise_bound
 from arva_hil.registry import FAULTS
 
 

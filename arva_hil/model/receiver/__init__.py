@@ -2,8 +2,7 @@
 
 from arva_hil.model.field.rotation import Pose
 
-from .noise import NoiseKind
-from .paper import Antennas, PaperReceiver, outputs
+from .paper import Antennas, NoiseKind, PaperReceiver, outputs
 from .reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
 from .receiver_model import Answer, Impairment, Look, ReceiverModel, ReceiverSettings
 

@@ -12,8 +12,7 @@ from arva_hil.model.field.keying import KEYING_CLASSES, Keying, draw_keying
 from arva_hil.model.field.medium import AIR
 from arva_hil.model.field.pulse_timeline import PulseTimeline, SentPulse
 from arva_hil.model.receiver.display import Display
-from arva_hil.model.receiver.noise import noise_bound
-from arva_hil.model.receiver.paper import FEW, FLOOR_RANGE_M
+from arva_hil.model.receiver.paper import FEW, FLOOR_RANGE_M, noise_bound
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from arva_hil.model.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.model.receiver.separation import Signals, Vector

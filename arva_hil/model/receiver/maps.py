@@ -15,8 +15,7 @@ from arva_hil.model.field import Transmitters
 from arva_hil.model.field.arrays import Array, floats
 from arva_hil.model.field.dipole import dipole_field
 from arva_hil.model.field.medium import AIR
-from arva_hil.model.receiver.noise import draw_noise, noise_bound
-from arva_hil.model.receiver.paper import Antennas, outputs, receive
+from arva_hil.model.receiver.paper import Antennas, draw_noise, noise_bound, outputs, receive
 
 _PAIRS: Final = 40_000  # of a pose and a transmitter, at most, in one block
 

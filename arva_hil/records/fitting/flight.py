@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
 from arva_hil.emulator.setup import one_vehicle
-from arva_hil.emulator.snapshot import Snapshot
-from arva_hil.emulator.world import VehicleWorld
+from arva_hil.emulator.world import Snapshot, VehicleWorld
 from arva_hil.errors import ArvaError
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.comparing.again import feed

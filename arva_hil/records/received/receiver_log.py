@@ -18,8 +18,7 @@ from arva_hil.emulator.formats import zone_of
 from arva_hil.emulator.ports import Output
 from arva_hil.emulator.receivers import Mounting
 from arva_hil.emulator.setup import VehicleSetup
-from arva_hil.emulator.snapshot import Snapshot
-from arva_hil.emulator.world import VehicleWorld
+from arva_hil.emulator.world import Snapshot, VehicleWorld
 from arva_hil.events import (
     BytesSent,
     Event,
