@@ -1,7 +1,7 @@
 """Many vehicles in one process on one core: 50 Hz poses in, 10 Hz frames out, over UDP and pseudo-terminals.
 
 Vehicles with an odd number use UDP and have their frames on a pseudo-terminal, the others the reverse. One far end, a
-process of its own, plays all of them and reads all frames. The limit is found by doubling.
+process of its own, plays all of them and reads all frames.
 """
 
 from __future__ import annotations
@@ -38,9 +38,6 @@ _WARM_S: Final = 2.0
 _LATE_MS: Final = 5.0  # p99
 _FLAT: Final = 1.2
 _MANY: Final = 64
-_MOST: Final = 250
-_TROUBLED: Final = 3  # vehicles
-_FLOOD: Final = 40  # times what is usual
 
 
 class Flown(NamedTuple):
@@ -67,51 +64,19 @@ def rows(seconds: float) -> Iterator[Row]:
     )
     lost = float(many.lost + many.no_pose)
     yield Row(f"fleet: frames of {_MANY} vehicles not sent or without a pose", "", lost, 0.0, "", lost, 0.0)
-    calm = fly(_MANY // 4, seconds, trouble=True)
-    yield Row(
-        f"fleet: p99 lateness of {_MANY // 4 - _TROUBLED} beside a flood, a broken link and an unread port",
-        "its limit",
-        calm.p99_ms,
-        _LATE_MS,
-        "ms",
-        calm.p99_ms,
-        _LATE_MS,
-    )
     one = flown[1].cpu_s
     for count, of in flown.items():
         if count > 1:
             yield ratio(f"fleet: CPU a vehicle, of {count}", "of one alone", of.cpu_s / count, one, "s", _FLAT)
-    limit = _limit(many, seconds)
-    yield Row("fleet: vehicles on one core, frames in time", "wanted", limit, _MANY, "", _MANY / max(limit, 1), 1.0)
 
 
-def _limit(many: Flown, seconds: float) -> int:
-    """Return the largest number of vehicles tried whose frames were in time and not lost."""
-    good, count = 0, many.vehicles
-    flown = many
-    while _is_good(flown):
-        good, count = count, count + count // 4
-        if count > _MOST:
-            return good
-        flown = fly(count, seconds)
-    while not good and count > 1:
-        count = count * 3 // 4
-        good = count if _is_good(fly(count, seconds)) else 0
-    return good
-
-
-def _is_good(flown: Flown) -> bool:
-    return flown.p99_ms <= _LATE_MS and not flown.lost and not flown.no_pose
-
-
-def fly(count: int, seconds: float, *, trouble: bool = False) -> Flown:
-    """Run `count` vehicles for `seconds` in a process on one core. `trouble`: the first one floods its link, the second
-    one's link breaks, and no program reads the third one's port; lateness and losses are of the others."""
+def fly(count: int, seconds: float) -> Flown:
+    """Run `count` vehicles for `seconds` in a process on one core."""
     context: Any = multiprocessing.get_context("spawn")
     near_end, far_end = context.Pipe()
     done = context.Queue()
-    ours = context.Process(target=_emulate, args=(count, seconds, trouble, near_end, done), daemon=True)
-    far = context.Process(target=_play, args=(count, seconds, trouble, far_end), daemon=True)
+    ours = context.Process(target=_emulate, args=(count, seconds, near_end, done), daemon=True)
+    far = context.Process(target=_play, args=(count, seconds, far_end), daemon=True)
     ours.start()
     far.start()
     flown = Flown(*done.get(timeout=seconds + 120))
@@ -158,7 +123,7 @@ class _Timed(Link):
         self._port.close()
 
 
-def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> None:
+def _emulate(count: int, seconds: float, far: Any, done: Any) -> None:
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     chosen, clock = scenario(count), RealClock()
     with ExitStack() as stack:
@@ -188,9 +153,8 @@ def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> 
         before = time.process_time()
         run([live], clock, until=start + _WARM_S + seconds)
         cpu = time.process_time() - before
-    calm = emulator.vehicles[_TROUBLED:] if trouble else emulator.vehicles
-    late = [ms for vehicle in calm for ms in ports[f"{vehicle.name}/r"].late_ms]
-    counters = [port.counters for vehicle in calm for _, port in vehicle.units]
+    late = [ms for port in ports.values() for ms in port.late_ms]
+    counters = [port.counters for emulated in emulator.vehicles for _, port in emulated.units]
     made = sum(c.frames for c in counters)
     lost = sum(c.dropped + c.skipped for c in counters)
     no_pose = sum(max(0, c.no_pose - round(_WARM_S * FRAMES_HZ)) for c in counters)
@@ -213,7 +177,7 @@ def _packets(encoder: Encoder, n: int) -> bytes:
     return data
 
 
-def _play(count: int, seconds: float, trouble: bool, ours: Any) -> None:
+def _play(count: int, seconds: float, ours: Any) -> None:
     """Play the far end: every vehicle's poses, spread over the period, and a reader of all frames."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     ticks = round((seconds + _WARM_S + 2) * POSE_HZ)
@@ -233,14 +197,8 @@ def _play(count: int, seconds: float, trouble: bool, ours: Any) -> None:
     reads = select.poll()
     for fd in (*(master for master, _ in lines), *(sender.fileno() for sender in senders), frames_in.fileno()):
         reads.register(fd, select.POLLIN)
-    if trouble:
-        reads.unregister(lines[2][0])
     start = time.monotonic()
     for n in range(ticks):
-        if trouble and n == ticks // 2:
-            os.close(lines[1][1])
-            os.close(lines[1][0])
-            reads.unregister(lines[1][0])
         for number in range(count):
             due = start + (n + number / count) / POSE_HZ
             while (left := due - time.monotonic()) > 0:
@@ -248,10 +206,9 @@ def _play(count: int, seconds: float, trouble: bool, ours: Any) -> None:
                     _drain(reads)
                 time.sleep(min(left, 0.002))
             if number % 2 == 0:
-                for _ in range(_FLOOD if trouble and number == 0 else 1):
-                    with suppress(BlockingIOError):
-                        senders[number // 2].send(bodies[number][n])
-            elif not trouble or number != 1 or n < ticks // 2:
+                with suppress(BlockingIOError):
+                    senders[number // 2].send(bodies[number][n])
+            else:
                 os.write(lines[number][0], bodies[number][n])
         _drain(reads)
 

@@ -1,9 +1,8 @@
-"""A recorded flight as a live stream of an autopilot on a pseudo-terminal, and the truth to judge a live run."""
+"""A recorded flight as a live stream of an autopilot on a pseudo-terminal."""
 
 from __future__ import annotations
 
 import multiprocessing
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -26,7 +25,7 @@ _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 
 
 class Motion:
-    """The motion of a recorded flight, smooth between its samples: the truth to judge a live run.
+    """The motion of a recorded flight, smooth between its samples.
 
     Position: cubic Hermite through GLOBAL_POSITION_INT; attitude: a spline through ATTITUDE. By scipy.
     """
@@ -56,10 +55,6 @@ class Motion:
         )
         self._frame = LocalFrame(*self.home)
 
-    def at(self, t: float) -> tuple[Any, Rotation]:
-        """Return NED position [m] from home and attitude, `t` seconds into the flight."""
-        return self._position(t), self._attitude(t)
-
     def packets(self, t: float) -> bytes:
         """Return the packets of position and attitude; `t` in whole milliseconds."""
         ned, velocity = self._position(t), self._position(t, 1)
@@ -84,42 +79,25 @@ class Motion:
 
 
 def _play(motion: Motion, seconds: float, started: Any) -> None:
-    """Play the motion on a new pty in real time, in its own process. Sends the path and the start."""
+    """Play the motion on a new pty in real time, in its own process. Sends the path."""
     times = np.arange(0, seconds, 1 / POSES_HZ).round(3)
     packets = [(motion.beat() if n % POSES_HZ == 0 else b"") + motion.packets(t) for n, t in enumerate(times)]
     clock = RealClock()
     with closing(PtyLink()) as link:
         start = clock.now()
-        started.put((link.path, start + origin(clock)))
+        started.put(link.path)
         for t, data in zip(times, packets, strict=True):
             clock.wait(start + t)
             link.read()
             link.write(data)
 
 
-def origin(clock: RealClock) -> float:
-    """Return the monotonic time at which a clock read 0, measured until no delay falls between the two reads."""
-    while True:
-        before, there, after = clock.now(), time.monotonic(), clock.now()
-        if after - before < 1e-4:
-            return there - before
-
-
 @contextmanager
-def playing(motion: Motion, seconds: float) -> Iterator[tuple[str, float]]:
-    """Yield the pty of the motion, and the monotonic time of its start."""
+def playing(motion: Motion, seconds: float) -> Iterator[str]:
+    """Yield the pty of the motion."""
     started: Any = multiprocessing.Queue()
     player = multiprocessing.Process(target=_play, args=(motion, seconds, started), daemon=True)
     player.start()
     yield started.get(timeout=60)
     player.terminate()
     player.join()
-
-
-def bare(hz: float, seconds: float) -> list[float]:
-    """Return the lateness of a loop that does nothing [ms]."""
-    clock, late = RealClock(), []
-    for n in range(round(seconds * hz)):
-        clock.wait(n / hz)
-        late.append(1e3 * (clock.now() - n / hz))
-    return late

@@ -31,10 +31,9 @@ def _streams(options: argparse.Namespace) -> Iterator[Row]:
 
 
 def _live(options: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import latency, live
+    from tools.bench import live
 
-    yield from live.rows(options.flight, options.seconds)
-    yield from latency.rows(options.flight, options.seconds)
+    return live.rows(options.flight, options.seconds)
 
 
 def _starts(options: argparse.Namespace) -> Iterator[Row]:

@@ -55,7 +55,7 @@ def first_frame(flight: Path) -> Iterator[Row]:
     """Wall time, of the command with the stream already flowing."""
     motion, taken = Motion(flight), []
     for _ in range(5):
-        with playing(motion, 20.0) as (device, _):
+        with playing(motion, 20.0) as device:
             start = time.perf_counter()
             command = [*COMMAND, "run", "--autopilot", device, "--port", "-", "--rate", "50"]
             with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0) as child:

@@ -10,7 +10,7 @@ from pathlib import Path
 from arva_hil.autopilot.following.session import Session
 from arva_hil.links.tlog import TlogReader
 from tools.bench.table import Row, ratio
-from tools.bench.timing import COMMAND, cpu_of_command, figures_of
+from tools.bench.timing import COMMAND, cpu_of_command, figure_of
 
 _MAVUTIL = """
 import sys, time
@@ -32,7 +32,7 @@ def rows(flight: Path) -> Iterator[Row]:
             session.feed(raw, n * 1e-3, whole=True)
         return time.process_time() - start
 
-    peer = min(figures_of("-c", _MAVUTIL, str(flight))[0] for _ in range(3))
+    peer = min(figure_of("-c", _MAVUTIL, str(flight)) for _ in range(3))
     yield ratio(
         "MAVLink in: a recorded PX4 stream → pose track",
         "mavutil recv_match",

@@ -44,7 +44,7 @@ def wall_of_command(command: Sequence[str]) -> float:
     return _once(lambda: subprocess.run(command, check=True, capture_output=True), time.perf_counter)
 
 
-def figures_of(*arguments: str) -> list[float]:
-    """Return the numbers in the last line of a Python program's output. Raises CalledProcessError if it fails."""
+def figure_of(*arguments: str) -> float:
+    """Return the number in the last line of a Python program's output. Raises CalledProcessError if it fails."""
     done = subprocess.run([sys.executable, *arguments], check=True, capture_output=True, text=True)
-    return [float(figure) for figure in done.stdout.splitlines()[-1].split()]
+    return float(done.stdout.splitlines()[-1])
