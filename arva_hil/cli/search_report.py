@@ -15,7 +15,7 @@ from arva_hil.events import Event
 from arva_hil.events.event_json import event_object
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
-from arva_hil.events.words.text import sigma
+from arva_hil.events.words.text import placed, sigma
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.records.pictures.search import draw_search
 from arva_hil.records.writing import RecordError
@@ -36,11 +36,10 @@ def name(id_: int | None) -> str:
 def where(found: Found, accuracy: Accuracy, from_drone: tuple[float, float] | None = None) -> str:
     """Return a place from the take-off point, and relative to the drone with its sigma [m]."""
     metres = sigma_of(accuracy.relative(found))
-    place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
+    place = f"{placed(found.north, found.east)} of the take-off point"
     spread = "" if metres is None else f" ± {sigma(metres)}"
     if from_drone is not None:
-        north, east = from_drone
-        return f"{place}; {north:z.1f} m north, {east:z.1f} m east of the drone{spread}"
+        return f"{place}; {placed(*from_drone)} of the drone{spread}"
     return place + (spread and f";{spread} relative to the drone")
 
 
@@ -174,12 +173,10 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
         if finder := found_by.get(id_):
             lines.append(f"{name(id_)} was received, and found by {finder}")
             continue
-        north, east = heard.nearest_at
-        there = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
+        there = f"{placed(*heard.nearest_at)} of the take-off point"
         lines.append(f"{name(id_)} was received, but not found; nearest, {heard.nearest_m:.1f} m away, at {there}")
     for id_, track in outcome.moving:
-        _, north, east = track[-1]
-        there = f"{north:z.0f} m north, {east:z.0f} m east of the take-off point"
+        there = f"{placed(*track[-1][1:])} of the take-off point"
         lines.append(f"{name(id_)} moves, at about {speed_of(track):.1f} m/s, and was put aside; last {there}")
     return lines
 

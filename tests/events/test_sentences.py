@@ -326,8 +326,8 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.TeammateLost(1.0, 3, 4.0, -2.5, 9.0),
         "warning",
-        "the search of vehicle 3 sends nothing any more: this one stays 9 m from where it was, 4.0 m north, -2.5 m "
-        "east of the take-off point",
+        "the search of vehicle 3 sends nothing any more: this one stays 9 m from where it was, 4.0 m north, 2.5 m "
+        "west of the take-off point",
     ),
     (searches.TeammateBack(1.0, 3), "info", "the place of vehicle 3 is known again"),
     (
@@ -338,13 +338,13 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.VictimNoted(1.0, 3, 1, 2, 4.2, -1.0, True, True, 1, False),
         "info",
-        "victim 1 of 2: transmitter 3 at 4.2 m north, -1.0 m east of the take-off point, marked by the receiver; "
+        "victim 1 of 2: transmitter 3 at 4.2 m north, 1.0 m west of the take-off point, marked by the receiver; "
         "1 more received",
     ),
     (
         searches.VictimNoted(1.0, None, 2, None, 4.2, -1.0, False, False, None, False),
         "info",
-        "victim 2: transmitter without a number at 4.2 m north, -1.0 m east of the take-off point, not sure, "
+        "victim 2: transmitter without a number at 4.2 m north, 1.0 m west of the take-off point, not sure, "
         "recorded, not marked",
     ),
     (
@@ -360,8 +360,8 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.TransmitterMoves(1.0, 5, 0.94, 4.4, -2.6),
         "warning",
-        "transmitter 5 moves, at about 0.9 m/s: a rescuer who transmits? It is put aside, last 4 m north, -3 m east of "
-        "the take-off point",
+        "transmitter 5 moves, at about 0.9 m/s: a rescuer who transmits? It is put aside, last 4.4 m north, 2.6 m west "
+        "of the take-off point",
     ),
     (
         searches.ReceiverTurned(1.0, 5, -10.4),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,7 @@ from arva_hil.events.words import text
 from arva_hil.events.words.text import status_line, status_table
 from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
 from arva_hil.observers.console.printer import Printer
+from arva_hil.records.pictures.style import LOOKS, SHAPES
 
 POSE = Pose(np.zeros(3), np.eye(3))
 NEAR = ChannelReading(2, Zone.INNER, 90, 0, 0.9)
@@ -200,9 +202,29 @@ def test_the_colours_differ_to_all_eyes(eyes: str) -> None:
 
 @pytest.mark.parametrize("background", [0.0, 1.0], ids=["black", "white"])
 def test_the_colours_stand_out_from_dark_and_light_terminals(background: float) -> None:
-    for colour in (text.GOOD, text.DOUBTFUL, text.BAD):
+    for colour in (text.GOOD, text.DOUBTFUL, text.BAD, *text.SIGN_COLOURS):
         light, dark = sorted([float(LAB[1] @ linear(colour)), background], reverse=True)
         assert (light + 0.05) / (dark + 0.05) >= 3.0  # WCAG's least contrast of what is not small text
+
+
+def test_a_transmitter_has_the_sign_and_the_colour_of_its_id_in_every_width() -> None:
+    line = "#2 inner 90 cm, #17 mid 3046 cm | alpha#3, #?"
+    assert text.with_signs(line, False) == "▲2 inner 90 cm, ◆17 mid 3046 cm | alpha#3, #?"
+    assert text.with_signs("#3", True) == "\x1b[38;5;198m◆\x1b[39m3"
+    looks = {(text.SIGNS[i % len(text.SIGNS)], text.SIGN_COLOURS[i % len(text.SIGN_COLOURS)]) for i in range(42)}
+    assert len(looks) == 42
+    assert (len(text.SIGNS), len(text.SIGN_COLOURS)) == (len(SHAPES), len(LOOKS))
+
+
+def test_a_terminal_has_the_signs_only_if_it_can_print_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    for encoding, sign in (("utf-8", "◆17"), ("ascii", "#17")):
+        monkeypatch.setattr(Screen, "encoding", encoding, raising=False)
+        stream = Screen()
+        printer = Printer(stream)
+        printer.observe(ONE)
+        printer.close()
+        assert sign in re.sub(r"\x1b\[[0-9;]*m", "", stream.getvalue())
 
 
 def test_a_terminal_that_knows_nothing_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from arva_hil import events
 from arva_hil.events import Event, searches, vehicles
 from arva_hil.events.words.reasons import STICKS, failsafes, in_words, no_pose, no_vehicle, order_in_words, request
-from arva_hil.events.words.text import Level, Notice
+from arva_hil.events.words.text import Level, Notice, placed
 
 
 def sentence(event: Event, *, named: bool = False) -> Notice | None:
@@ -76,14 +76,15 @@ _IN_WORDS: Final[Mapping[str, Callable[[Any], str]]] = {
     "order": order_in_words,
     "of": lambda wanted: "" if wanted is None else f" of {wanted}",
     "request": lambda e: request(e.command, e.asked_hz, e.result),
+    "place": lambda e: placed(e.north_m, e.east_m),
     "reasons": in_words,
     "reported": lambda value: "was not reported" if value is None else f"is {value:g}",
     "values": lambda values: "".join(f" {value}" for value in values),
     "waiting": _WAITING.__getitem__,
 }
 _NOTED: Final = (
-    "victim {number}{wanted:of}: transmitter {transmitter:number} at {north_m:z.1f} m north, {east_m:z.1f} m east of "
-    "the take-off point{sure:|, not sure}, {marked:marked by the receiver|recorded, not marked}"
+    "victim {number}{wanted:of}: transmitter {transmitter:number} at {event:place} of the take-off point"
+    "{sure:|, not sure}, {marked:marked by the receiver|recorded, not marked}"
 )
 _LEFT: Final = "; {left} more received{more:, and more than a frame has|}"
 _HEIGHTS: Final = {
@@ -215,13 +216,13 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.OwnMarkHeard: "error: the autopilot receives the vehicle of --gcs, and may evade it: nothing is "
     "sent there now",
     searches.TransmitterHeard: "received transmitter {transmitter:number}, {distance_m:.1f} m away, at "
-    "{north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
+    "{event:place} of the take-off point",
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
     searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly received|not received any "
     "more}: back to the search strips",
     searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
     searches.TeammateLost: "warning: the search of vehicle {number} sends nothing any more: this one stays {apart_m:g} "
-    "m from where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
+    "m from where it was, {event:place} of the take-off point",
     searches.TeammateBack: "the place of vehicle {number} is known again",
     searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
     searches.VictimAgain: "warning: this is victim {number} again, as transmitter {transmitter:number}: {apart_m:.1f} "
@@ -229,7 +230,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: the "
     "search flies to it once more",
     searches.TransmitterMoves: "warning: transmitter {transmitter:number} moves, at about {speed_m_s:.1f} m/s: a "
-    "rescuer who transmits? It is put aside, last {north_m:z.0f} m north, {east_m:z.0f} m east of the take-off point",
+    "rescuer who transmits? It is put aside, last {event:place} of the take-off point",
     searches.ReceiverTurned: "warning: the receiver is turned by some {degrees:+.0f}° from its reported heading: check "
     "compass and --mount. The place allows for it",
     searches.ReceiverKnown: "the receiver is {text}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, Literal, NamedTuple, TextIO
 
@@ -43,6 +44,13 @@ def sigma(metres: float) -> str:
     return f"{100 * metres:.0f} cm" if metres >= LEAST_M else "less than 1 cm"
 
 
+def placed(north_m: float, east_m: float) -> str:
+    """Return a place as two distances with directions, without a minus."""
+    north, east = round(north_m, 1), round(east_m, 1)
+    along, across = "south" if north < 0 else "north", "west" if east < 0 else "east"
+    return f"{abs(north):.1f} m {along}, {abs(east):.1f} m {across}"
+
+
 def reading(channels: Iterable[Channel]) -> str:
     """Return the channels of a frame with a signal, e.g. '#1 mid 1046 cm +12°', or 'no signal'.
 
@@ -68,6 +76,25 @@ def aligned(c: Channel) -> str:
 def coloured(line: str, colour: int) -> str:
     """Return a line in one of the colours above."""
     return f"\x1b[38;5;{colour}m{line}\x1b[0m"
+
+
+# Of a transmitter: the shapes of the page, and colours near those of the page, readable on black and on white.
+SIGNS: Final = "●■▲◆▼⬟⬢"
+SIGN_COLOURS: Final = (26, 137, 30, 198, 94, 105)
+_NUMBER: Final = re.compile(r"(?<!\S)#(\d+)")
+
+
+def with_signs(line: str, colour: bool) -> str:
+    """Return a line with a sign for the "#" of each transmitter, so that its width stays the same."""
+
+    def sign(found: re.Match[str]) -> str:
+        id_ = int(found[1])
+        shape = SIGNS[id_ % len(SIGNS)]
+        if colour:
+            shape = f"\x1b[38;5;{SIGN_COLOURS[id_ % len(SIGN_COLOURS)]}m{shape}\x1b[39m"
+        return shape + found[1]
+
+    return _NUMBER.sub(sign, line)
 
 
 def frame_json(frame: Frame) -> dict[str, Any]:

@@ -37,6 +37,7 @@ class Printer:
         self._stream = stream
         self._live = live and is_screen(stream)
         self._colour = text.wants_colour(stream)
+        self._signs = (stream.encoding or "").lower().startswith("utf")
         self._frames = frames
         self._status = status
         self._named = named
@@ -121,7 +122,8 @@ class Printer:
 
     def _drawn(self) -> str:
         bold, plain = ("\x1b[1m", "\x1b[0m") if self._colour else ("", "")
-        lines = (line.partition(BETWEEN) for line in self._shown)
+        shown = [text.with_signs(line, self._colour) for line in self._shown] if self._signs else self._shown
+        lines = (line.partition(BETWEEN) for line in shown)
         return "\n".join(f"{bold}{reading}{plain}{between}{rest}" for reading, between, rest in lines)
 
     def _write(self, what: str) -> None:

@@ -117,7 +117,8 @@ def _draw_field(axes: Axes, transmitters: Transmitters, down_m: float, kappa_eq:
     axes.set_autoscale_on(False)
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     middle, half = np.array([(south + north) / 2, (west + east) / 2]), (north - south) / 2
-    for lines in field_lines(transmitters, down_m, kappa_eq):
+    every = field_lines(transmitters, down_m, kappa_eq)
+    for lines in every:
         for flat in lines["flux"]:
             line = np.reshape(flat, (-1, 2))
             axes.plot(line[:, 1], line[:, 0], color=PALE, lw=0.7, zorder=1)
@@ -125,7 +126,7 @@ def _draw_field(axes: Axes, transmitters: Transmitters, down_m: float, kappa_eq:
             line = np.reshape(flat, (-1, 2))
             axes.plot(line[:, 1], line[:, 0], color=GREY, lw=0.6, ls=":", zorder=2)
             inside = line[(np.abs(line - middle) < 0.94 * half).all(axis=1)]
-            if len(inside):
+            if len(inside) and len(every) == 1:  # labels of several would cover each other
                 north, east = inside[len(inside) // 3]
                 axes.text(east, north, f"{d:g} m", fontsize=7, color=GREY, ha="center", va="center", zorder=2)
         if lines["inner"]:
