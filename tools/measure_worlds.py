@@ -117,7 +117,7 @@ class OtherNoise(PulsedReceiver):
         def noise(index: int) -> tuple[float, float, float]:
             r = self._other
             self._burst = self._burst - 1 if self._burst else (r.random() < 0.05) * r.randint(1, 6)
-            size = options.noise_na_m * (r.paretovariate(1.5) if self._burst else 0.3)
+            size = options.noise_na_m / options.scale_na_m * (r.paretovariate(1.5) if self._burst else 0.3)
             x, y, z = own(index)
             return x + r.gauss(0, size), y + r.gauss(0, size), z + r.gauss(0, size)
 

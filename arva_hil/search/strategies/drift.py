@@ -1,7 +1,8 @@
 """The place of a transmitter if the reported places drift slowly, like those of a GPS.
 
-The drift on each axis is a slow random process, low-pass filtered as by an estimator. Errors of readings close in time
-are alike; errors over a minute average out.
+While the search flies, the drift on each axis is a slow random process, low-pass filtered as by an estimator. Errors of
+readings close in time are alike; errors over a minute average out. The place reported at the end is that under drifts
+of all speeds, from seconds to 20 minutes; a constant offset does not change the place relative to the vehicle.
 """
 
 from __future__ import annotations
@@ -24,6 +25,14 @@ _FARTHEST_M: Final = 2.0  # longest step
 _SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
 _ROUNDS: Final = 4
 _FEW, _APART_M = 4, 0.2  # hypotheses
+_ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a place [m]
+    *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
+    *((sigma_m, 600.0, white_m) for sigma_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
+    *((sigma_m, 100.0, 0.1) for sigma_m in (0.3, 1.0)),
+    *((sigma_m, 20.0, 0.1) for sigma_m in (0.3, 1.0, 2.0)),
+)
+_AGE_S: Final = 1.5  # of the newest reading when the place is used
+_CAUTION: Final = 2.0  # share of the evidence that counts is its inverse: errors of readings are alike
 
 Array = NDArray[np.float64]
 
@@ -70,15 +79,23 @@ def _linear(fit: dipole.Fit, k: int, drift: Array, pose_error: float, alike: Arr
 
 
 def fitted(
-    x: Array, o: dipole.DipoleReadings, pose_error: float, drift_m: float, rounds: int, near: Sequence[DriftFit] = ()
+    x: Array,
+    o: dipole.DipoleReadings,
+    pose_error: float,
+    drift_m: float,
+    rounds: int,
+    near: Sequence[DriftFit] = (),
+    tau_s: float | None = None,
 ) -> list[DriftFit]:
     """Return for each hypothesis (K, 7) the one near it that fits the readings best.
 
     Sigmas of each place and of the drift are in metres. `near`: fits; the first hypotheses start with their drifts. The
-    cost of a fit with `drift_m` 0 can be compared with others.
+    cost of a fit with `drift_m` 0 can be compared with others. `tau_s`: of a drift that is not filtered; such fits
+    return the place some time after the newest reading.
     """
-    alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
-    newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
+    now_s = o.time_s[1:].max(initial=0.0) + (0.0 if tau_s is None else _AGE_S)
+    alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s, tau_s)
+    newest = drift_m**2 * _alike(o.time_s - now_s, tau_s)
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is the prior
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
     there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, len(o.time_s)))
@@ -131,14 +148,33 @@ def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings,
     return kept
 
 
+def place_now(x: Array, o: dipole.DipoleReadings) -> tuple[Array, Array]:
+    """Return the place of a transmitter in the frame reported now, north and east, and its covariance (2, 2).
+
+    `x`: the hypothesis (7,) near it. Drifts of all speeds and sizes count by their likelihood: that of the part of the
+    readings that the hypothesis cannot follow.
+    """
+    every = [fitted(x[None], o, white_m, drift_m, 2 * _ROUNDS, tau_s=tau_s)[0] for drift_m, tau_s, white_m in _ANY]
+    cost = np.array([one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1] for one in every])
+    share = np.exp((cost.min() - cost) / _CAUTION)
+    share /= share.sum()
+    places = np.array([one.now[:2] for one in every])
+    off = places - share @ places
+    white = np.array([white_m**2 for *_, white_m in _ANY])[:, None, None] * np.eye(2)
+    each = np.array([one.now_covariance[:2, :2] for one in every]) + white + off[:, :, None] * off[:, None]
+    return share @ places, np.einsum("k,kij->ij", share, each)
+
+
 def _then(fit: DriftFit, time_s: Array) -> Array:
     """Return the drift of a fit at times (N,); of new readings, as it was last."""
     order = 1 + np.argsort(fit.time_s[1:])
     return np.array([np.interp(time_s, fit.time_s[order], axis[order]) for axis in fit.drift])
 
 
-def _alike(after_s: Array) -> Array:
-    """Return the correlation of drifts by their distance in time."""
+def _alike(after_s: Array, tau_s: float | None) -> Array:
+    """Return the correlation of drifts by their distance in time; `tau_s`: of a drift that is not filtered."""
     slow, quick = _SLOW_S
     t = np.abs(after_s)
+    if tau_s is not None:
+        return np.exp(-t / tau_s)
     return (slow * np.exp(-t / slow) - quick * np.exp(-t / quick)) / (slow - quick)

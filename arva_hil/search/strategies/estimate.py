@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from . import dipole
 from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
-from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again
+from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again, place_now
 from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
@@ -89,20 +89,19 @@ class Hypotheses:
         self.x, self.drifts = np.concatenate([one.x[:1], self.x]), [one.best, *self.drifts]
 
     def settled(self) -> Found:
-        """Return the average of the hypotheses, without the drift."""
+        """Return the average of the hypotheses, without the drift; and the place in the frame reported now."""
         (nn, ne), (_, ee) = self.covariance.tolist()
         north, east, down = (self.share @ self.places).tolist()
+        if self.drifts:
+            best = self.drifts[0]  # its mean place, not the one reported now
+            (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
+            north, east, down = best.x[:3].tolist()
+        now, covariance = place_now(self.x[0], self._evidence.readings(self.cause))
+        (now_nn, now_ne), (_, now_ee) = covariance.tolist()
         far = abs(self.x[0, 6]) > max(_TURNED, _TURNED_SIGMAS * self._yaw_sigma)
         turned_deg = math.degrees(self.x[0, 6]) if far else None
-        if not self.drifts:
-            alike = self.pose_error**2  # errors of places that are near in time need not average out
-            now_covariance = nn + alike, ne, ee + alike
-            return Found(north, east, down, (nn, ne, ee), None, now_covariance, turned_deg)
-        best = self.drifts[0]  # its mean place, not the one reported now
-        now, now_covariance = (north, east), (nn, ne, ee)
-        (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
-        north, east, down = best.x[:3].tolist()
-        return Found(north, east, down, (nn, ne, ee), now, now_covariance, turned_deg)
+        goal = float(now[0]), float(now[1])
+        return Found(north, east, down, (nn, ne, ee), goal, (now_nn, now_ne, now_ee), turned_deg)
 
     def seed(self, o: Observation) -> None:
         """Add hypotheses that agree with a reading."""
