@@ -19,6 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from arva_hil import __version__
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.errors import ArvaError
@@ -31,8 +32,8 @@ REPORT: Final = "report.html"
 FAILED: Final = "failed: "  # begins the outcome of a trial that ended with an error of the program
 
 _APPLICATION: Final = 0x41525641  # "ARVA", in the header of the database
-_FORMAT: Final = 3  # of the table, also in the header
-_ROUNDING: Final = 0.0011  # m and s: values that differ by this much are alike
+_FORMAT: Final = 4  # of the table, also in the header
+_ALIKE: Final = 0.05  # m and s: results that differ by this much are alike; kernels of BLAS round differently
 _FALSE_M: Final = 2.0  # a place found with a larger error is false
 _WAIT_S: Final = 1.0  # for another program to release the database
 _ELSEWHERE: Final = "it is left as it is; name another folder with --out"
@@ -44,7 +45,10 @@ class ResultsError(ArvaError):
 
 @dataclass(frozen=True, slots=True)
 class TrialRow:
-    """One line of results.csv. `distance_m`: from the take-off to the nearest transmitter at the start."""
+    """One line of results.csv. `distance_m`: from the take-off to the nearest transmitter at the start.
+
+    `arva_hil`, `numpy`: the versions that flew it.
+    """
 
     key: str
     seed: int
@@ -68,6 +72,8 @@ class TrialRow:
     sigma_m: float | None = None
     relative_m: float | None = None
     relative_sigma_m: float | None = None
+    arva_hil: str = __version__
+    numpy: str = np.__version__
 
     @property
     def failed(self) -> bool:
@@ -83,15 +89,16 @@ class TrialRow:
         return self.error_m <= sigmas * self.sigma_m
 
     def difference(self, other: TrialRow) -> str:
-        """Return the first column that differs, with both values; "" if the rows are alike but for rounding."""
-        for name in _COLUMNS:
+        """Return the first result that differs, with both values; "" if the rows are alike."""
+        for name in _COLUMNS[: -len(_VERSIONS)]:
             mine, its = getattr(self, name), getattr(other, name)
-            alike = isinstance(mine, float) and isinstance(its, float) and abs(mine - its) <= _ROUNDING
+            alike = isinstance(mine, float) and isinstance(its, float) and abs(mine - its) <= _ALIKE
             if mine != its and not alike:
                 return f"{name} {its} instead of {mine}"
         return ""
 
 
+_VERSIONS: Final = ("arva_hil", "numpy")  # the last columns
 _TYPES: Final = {
     "str": "text check (typeof({0}) = 'text')",
     "int": "integer check (typeof({0}) = 'integer')",
@@ -119,7 +126,7 @@ def flown(planned: Planned) -> dict[str, Any]:
 
 
 def row(planned: Planned, result: Result) -> TrialRow:
-    """Return the row of a trial with its result, in millimetres and milliseconds: machines differ in what is less."""
+    """Return the row of a trial with its result, in millimetres and milliseconds."""
     outcome = one_line(" ".join(result.outcome.split())[:300])
     values = {name: round(value, 3) for name, value in asdict(result).items() if isinstance(value, float)}
     return TrialRow(**flown(planned), **asdict(result) | values | {"outcome": outcome})
@@ -188,11 +195,12 @@ class Results:
             raise ResultsError(f"{folder}: no {NAME} there, expected the folder of a campaign")
         with opened(folder) as other:
             ended = [one for one in other.rows.values() if not one.failed]
-        every = {one.key: self.rows[one.key].difference(one) for one in ended if self.done(one.key)}
-        if differs := [f"{key}, {difference}" for key, difference in every.items() if difference]:
+        both = [(self.rows[one.key], one) for one in ended if self.done(one.key)]
+        if differing := [(mine, its, difference) for mine, its in both if (difference := mine.difference(its))]:
+            mine, its, difference = differing[0]
             raise ResultsError(
-                f"{folder}: {len(differs)} trials ended differently than in {self.path.parent}, e.g. {differs[0]}: "
-                "flown by another arva-hil, numpy, or kernel of its BLAS (OPENBLAS_CORETYPE); leave it out"
+                f"{folder}: {len(differing)} trials ended differently than in {self.path.parent}, e.g. {mine.key} "
+                f"({mine.strategy}, seed {mine.seed}), {difference}: {_cause(mine, its)}; leave it out"
             )
         self.add(*(one for one in ended if not self.done(one.key)))
 
@@ -243,6 +251,13 @@ def opened(folder: Path) -> Iterator[Results]:
             why = " ".join(str(error).split())
             raise ResultsError(f"{folder / NAME}: damaged, or not from a campaign ({why}): {_ELSEWHERE}") from None
         yield results
+
+
+def _cause(mine: TrialRow, its: TrialRow) -> str:
+    """Return the likely reason for which the same trial has two results."""
+    names = [name for name in _VERSIONS if getattr(mine, name) != getattr(its, name)]
+    versions = [f"{name} {getattr(its, name)} instead of {getattr(mine, name)}" for name in names]
+    return f"flown by {' and '.join(versions) or 'another kernel of BLAS (OPENBLAS_CORETYPE), or a changed arva-hil'}"
 
 
 def replace(path: Path, data: bytes) -> None:

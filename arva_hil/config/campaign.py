@@ -23,7 +23,7 @@ WHAT: Final = "a mapping with strategies and scenarios"
 MOST_TRIALS: Final = 100_000_000
 MOST_DRONES: Final = 64
 _MOST_VALUES: Final = 100_000  # of one axis
-_NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles", "terrain")  # one vehicle, above flat ground
+_NOT_FLOWN: Final = ("follows", "vehicles", "terrain")  # one vehicle, above flat ground
 
 
 _DEPTH: Final = Number(-100, 100, unit="m")
@@ -294,6 +294,9 @@ class CampaignPlan(Table):
             count = one.count if isinstance(one, Random) else len(one.transmitters)
             if 0 < count < (wanted := of.victims or 1):
                 yield Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",))
+            if isinstance(one, Scenario) and one.navigation_error and any(of.gps_noise_m or ()):
+                noise = f"{max(of.gps_noise_m):g} with the navigation_error of {name}"
+                yield Violation("0: the scenario has the error", noise, path=("gps_noise_m",))
             if teams and min(teams) < (every := of.victims or count):
                 yield Violation(f"1, or {every} at least: each finds one", str(min(teams)), path=("drones",))
             if teams and isinstance(one, Scenario) and one.output_format not in formats_with_ids():

@@ -134,18 +134,16 @@ class Drone:
 
     def off(self, now: float) -> float | None:
         """Return the distance from the true place of the vehicle to the transmitter searched for."""
-        if self.search.origin is None:
-            return None
-        north, east, _ = self.search.origin.ned(*self.vehicle.truth(now).lla).tolist()
-        return self._distance((north, east))
+        true = self._true(now)
+        return self._distance(true) if true else None
 
     def relative_error(self, now: float) -> float | None:
         """Return the error of the vector from the vehicle to its landing place; None: no place yet."""
-        if self.search.origin is None or self.mission is None or self.mission.found is None:
+        true = self._true(now)
+        if true is None or self.mission is None or self.mission.found is None:
             return None
-        true, goal, told = self.vehicle.truth(now).lla, self.mission.found.goal, self.mission.progress.position
-        north, east, _ = self.search.origin.ned(*true).tolist()
-        return self._distance((north + goal[0] - told[0], east + goal[1] - told[1]))
+        goal, told = self.mission.found.goal, self.mission.progress.position
+        return self._distance((true[0] + goal[0] - told[0], true[1] + goal[1] - told[1]))
 
     def error(self) -> float | None:
         """Return the distance from the reported place to the transmitter searched for; None: no place yet.
@@ -166,6 +164,18 @@ class Drone:
             id_ = victim.id if victim.id in left else nearest
             found[victim] = math.inf if id_ is None else math.dist(place, left.pop(id_)[:2])
         return found
+
+    def _true(self, now: float) -> tuple[float, float] | None:
+        """Return the true place of the vehicle, north and east of the take-off point; None before that is known."""
+        origin, world = self.search.origin, self.emulated.world
+        if origin is None:
+            return None
+        pose, lla = world.at(now).pose, self.vehicle.truth(now).lla
+        if self.scenario.navigation_error is not None and pose is not None and world.datum.frame is not None:
+            north, east, _ = origin.ned(*world.datum.frame.lla(pose.position)).tolist()
+        else:
+            north, east, _ = origin.ned(*lla).tolist()
+        return north, east
 
     def _distance(self, place: tuple[float, float]) -> float | None:
         """Return the distance from a place to the transmitter searched for; to the nearest without ids."""

@@ -197,7 +197,12 @@ PATH = "path: {frame: ned, points: [[0, 20, 5, 0], [60, 26, 5, 0]]}"
 
 
 @pytest.mark.parametrize(
-    "part", ["pose: truth\ntransmitters: [{id: 1, ned: [5, 5, 0]}]", f"transmitters: [{{id: 1, {PATH}}}]"]
+    "part",
+    [
+        "pose: truth\ntransmitters: [{id: 1, ned: [5, 5, 0]}]",
+        "navigation_error: {heading_deg: 3}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]",
+        f"transmitters: [{{id: 1, {PATH}}}]",
+    ],
 )
 def test_a_scenario_of_spec_2_is_flown_where_one_vehicle_can(tmp_path: Path, part: str) -> None:
     (tmp_path / "newer.yaml").write_text(f"spec: 2\n{part}\n")
@@ -208,7 +213,6 @@ def test_a_scenario_of_spec_2_is_flown_where_one_vehicle_can(tmp_path: Path, par
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("navigation_error: {heading_deg: 3}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]", "navigation_error"),
         ("transmitters: [{id: 1, follows: {system: 2}}]", "follows"),
         ("output: {format: tunnel}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]", "format tunnel"),
         (
@@ -225,6 +229,15 @@ def test_a_scenario_that_no_campaign_flies_is_refused_with_what_is_in_the_way(
     (line,) = mistakes("strategies: flux\nscenarios: newer.yaml\n", str(tmp_path / "p.yaml"))
     expected = f"{tmp_path}/newer.yaml with {what}, expected a scenario that a campaign flies"
     assert line == f"{tmp_path}/p.yaml:2:12: {expected}"
+
+
+def test_one_error_of_the_position_is_flown_and_not_two(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(
+        "spec: 2\nnavigation_error: {bias_ned: [3, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]\n"
+    )
+    (line,) = mistakes("strategies: flux\nscenarios: s.yaml\ngps_noise_m: [0, 1]\n", str(tmp_path / "p.yaml"))
+    expected = "gps_noise_m: 1 with the navigation_error of s, expected 0: the scenario has the error"
+    assert line == f"{tmp_path}/p.yaml:3:14: {expected}"
 
 
 def test_a_plan_that_cannot_be_read_is_named(tmp_path: Path) -> None:

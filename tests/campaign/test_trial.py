@@ -36,6 +36,16 @@ def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path)
     assert one.path_m > 20
 
 
+def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the_vehicle(tmp_path: Path) -> None:
+    text = "spec: 2\nnavigation_error: {bias_ned: [3, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 1]}]\n"
+    (tmp_path / "moving.yaml").write_text(text)
+    (planned,) = trials(parse_plan(PLAN, str(tmp_path / "plan.yaml")))
+    one = row(planned, fly(planned.trial))
+    assert (one.outcome, one.error_m) == ("found", pytest.approx(3, abs=0.3))
+    assert one.relative_m == pytest.approx(0, abs=0.2)
+    assert one.hover_m == pytest.approx(0, abs=1.0)
+
+
 def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> None:
     """There is one a second, on the second: five steps a second, and none of them hears it later."""
     (tmp_path / "near.yaml").write_text("transmitters: [{id: 1, ned: [12, 9, 0]}]\n")
