@@ -129,10 +129,12 @@ RECEIVERS.loaded |= {"other_display": OtherDisplay, "other_noise": OtherNoise}
 
 @dataclass(frozen=True)
 class World:
-    """A world, by a seed. `error`: of the pose, in place of the scenario's."""
+    """A world, by a seed. `error`: of the pose, in place of the scenario's. `area_m`: half of its side."""
 
     scenario: Scenario
     error: AnyPoseError | None = None
+    limit_s: float = _LIMIT_S
+    area_m: float = 50.0
 
 
 def _base(seed: int, model: str = "paper", **receiver: Any) -> Scenario:
@@ -181,6 +183,15 @@ def _other(seed: int, model: str) -> Scenario:
     return replace(base, receiver=replace(base.receiver, model=model, options=_options(model)))
 
 
+def _empty(seed: int) -> World:
+    """Nobody sends within 2 km, and the drone is loud: all readings are noise."""
+    base = _other(seed, "other_noise")
+    options = replace(_options("pulsed"), noise_na_m=math.exp(random.Random(f"empty {seed}").uniform(1, 5)))
+    far = replace(base.transmitters[0], ned=(2000.0, 0.0, 0.0))
+    scenario = replace(base, transmitters=(far,), receiver=replace(base.receiver, options=options))
+    return World(scenario, limit_s=240.0, area_m=20.0)
+
+
 def _anything(seed: int) -> World:
     r = random.Random(f"anything {seed}")
     world, sigma = _any_moment(seed), math.exp(r.uniform(math.log(0.3), math.log(2)))
@@ -204,6 +215,7 @@ WORLDS: Final[dict[str, Callable[[int], World]]] = {
     "any_display": _any_display,
     "any_noise": _any_noise,
     "anything": _anything,
+    "empty": _empty,
 }
 
 
@@ -213,13 +225,14 @@ def fly(name: str, seed: int, strategy: str = "estimate") -> Flown:
     scenario = world.scenario
     if world.error is not None:
         scenario = replace(scenario, navigation_error=NavigationError())
-    plan = SearchPlan(STRATEGIES[strategy], limit_s=_LIMIT_S)
+    area = -world.area_m, -world.area_m, world.area_m, world.area_m
+    plan = SearchPlan(STRATEGIES[strategy], limit_s=world.limit_s, area=area)
     loop = ClosedLoop(scenario, plan, start=clock.now(), stream_hz=10.0)
     (drone,) = loop.drones
     emulated: Any = drone.emulated.world
     if world.error is not None:
         emulated._truth._error = world.error
-    run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: drone.decided)
+    run(loop.tasks, clock, until=world.limit_s + 120.0, stopped=lambda: drone.decided)
     mission, origin = drone.mission, drone.search.origin
     if mission is None or mission.ended is None or mission.found is None or origin is None:
         return Flown(seed, mission.ended.why.name if mission and mission.ended else "NONE")

@@ -14,8 +14,9 @@ from arva_hil.search.strategies.strategy import Covariance, Found
 
 _GPS: Final = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
 _ESTIMATOR: Final = dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
-_FLOOR_M: Final = 2.1  # sigma on each axis without corrections: 2.5 m CEP (u-blox NEO-M8, data sheet)
-_FLOORS_M: Final = {  # with corrections: SBAS 2.0 m CEP (the same), RTK fixed 1 cm CEP (ZED-F9P); float: assumption
+_FLOOR_M: Final = 2.1  # sigma on each axis without corrections, an assumption: makers of boards name 2.5 m CEP
+# With corrections. DGPS and float: assumptions. RTK fixed: 0.01 m + 1 ppm CEP (u-blox ZED-F9P, UBX-18010802, 2.1.2).
+_FLOORS_M: Final = {
     dialect.GPS_FIX_TYPE_DGPS: 1.7,
     dialect.GPS_FIX_TYPE_RTK_FLOAT: 0.5,
     dialect.GPS_FIX_TYPE_RTK_FIXED: 0.01,
