@@ -28,7 +28,7 @@ class LinkMonitor:
         renewed: Callable[[float], None] = lambda now: None,
     ) -> None:
         self._name = name
-        self._link = link
+        self.link = link
         self._lost = lost
         self._renewed = renewed
         self._lost_at = 0.0
@@ -36,10 +36,10 @@ class LinkMonitor:
 
     def poll(self, now: float) -> list[Event]:
         """Return the events since the last call."""
-        if (state := _STATE(self._link)) == self._state:  # still away
+        if (state := _STATE(self.link)) == self._state:  # still away
             return []
-        before, self._state, was_away, away = self._state, state, self._away, self._link.away
-        self._away, events, about = away, list[Event](), (now, self._name, self._link.name)
+        before, self._state, was_away, away = self._state, state, self._away, self.link.away
+        self._away, events, about = away, list[Event](), (now, self._name, self.link.name)
         lost, renewed, returned, strange = map(operator.gt, state[:4], before[:4])
         why, why_before = state[4], before[4]
         if lost:
@@ -56,5 +56,5 @@ class LinkMonitor:
         elif was_away and not away:
             events.append(LinkThere(*about))
         if strange and not before[3]:
-            events.append(StrangersIgnored(*about, self._link.stranger))
+            events.append(StrangersIgnored(*about, self.link.stranger))
         return events

@@ -17,6 +17,7 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.mission import Mission
+from arva_hil.search.strategies.analysis import AnalysisResult
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found
 from arva_hil.search.team.team import TeamField, Teammate, strips_of
@@ -103,7 +104,7 @@ def test_between_those_that_are_lost_it_lands_where_it_is_rather_than_to_hover_f
     for number, north, east in ((0, 7, 0), (2, 0, 7), (3, -7, 0), (4, 0, -7)):
         mate.on_news(News(number, 0.0, at(north, east, 3), True))
     mission = Mission(SearchPlan(STRATEGIES["flux"], limit_s=1.0), 9.0, place, land=True, team=mate)
-    mission.found = Found(5.0, 0.0)
+    mission._reached = AnalysisResult(found=Found(5.0, 0.0), sure=True)
     now = 9.0
     while not mission.over and now < 120.0:
         mate.report(now, at(place[0], place[1], -place[2]), flying=True)
@@ -118,7 +119,7 @@ def test_a_place_found_where_one_that_is_lost_may_be_is_told_without_flying_ther
     mate, here = one(9.0), (-4.5, 0.0, -3.0)
     mate.on_news(News(2, 0.0, at(5, 0, 3), True))
     mission = Mission(SearchPlan(STRATEGIES["flux"]), 9.0, here, team=mate)
-    mission.found, mission.sure = Found(3.0, 0.0), False
+    mission._reached = AnalysisResult(found=Found(3.0, 0.0))
     mission.fly(9.0, here)
     assert in_words(mission.ended) == NOT_SURE
 

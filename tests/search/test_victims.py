@@ -23,6 +23,7 @@ from arva_hil.events.searches import (
 from arva_hil.events.words.reasons import in_words
 from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
+from arva_hil.search.mission.choice import LOOK_AGAIN, LastLook
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import conclusion
 from arva_hil.search.mission.victims import ReceiverHost, Victim, probing_order
@@ -268,6 +269,23 @@ def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeyp
         rescue.find(beacon(id_, 2), place=(9.0 * id_, 5.0, -1.0))
     assert in_words(rescue.mission.ended) == NOT_SURE  # two are sure, and a third place is not
     assert conclusion(rescue.mission)[0] == "not sure"
+
+
+def test_a_place_that_is_not_sure_stays_so_when_another_is_left_to_be_found_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rescue = Rescue(None)
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, False))
+    rescue.step(beacon(1, 9))
+    for _ in range(2):  # the first time it is doubted
+        rescue.find(beacon(1, 2))
+    assert [victim.sure for victim in rescue.mission.victims.places] == [False]
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, True))
+    monkeypatch.setattr(LastLook, "check", lambda self, found, time_s, *, last: LOOK_AGAIN)
+    rescue.step(beacon(2, 9))
+    rescue.find(beacon(2, 2), place=(20.0, 5.0, -1.0))
+    assert rescue.mission.found is None
+    assert not rescue.mission.sure
 
 
 def test_when_the_time_is_up_it_says_how_many() -> None:

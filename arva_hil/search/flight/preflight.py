@@ -211,8 +211,49 @@ class ArmingDelay:
         return left <= 0
 
 
+class ModeWatch:
+    """Remembers the mode of the last heartbeat; None if none came since the link was opened, or since a gap.
+
+    `taken`: another program has set the mode that follows set-points. The mode that the commander's authority remembers
+    is not used: it may come from a CURRENT_MODE before the first heartbeat, which says whose mode it is.
+    """
+
+    def __init__(self) -> None:
+        self.mode: int | None = None
+        self.taken = False
+
+    def on_heartbeat(self, message: Any) -> None:
+        """Use a heartbeat of the vehicle."""
+        mode, px4 = message.custom_mode, message.autopilot == dialect.MAV_AUTOPILOT_PX4
+        self.taken |= self.mode not in (None, mode) and mode == (PX4 if px4 else ARDUCOPTER).steer
+        self.mode = mode
+
+
+class Wait:
+    """Remembers since when a search waits, and what for. The time in which a person is asked does not count."""
+
+    def __init__(self, start: float, limit_s: float, emit: Callable[[Event], None]) -> None:
+        self._since = self._checked_s = start
+        self._limit_s = limit_s
+        self._emit = emit
+        self._what: Lacking | None = None
+
+    def check(self, now: float, *, asking: bool) -> None:
+        """Continue until now."""
+        if asking:
+            self._since += now - self._checked_s
+        self._checked_s = now
+
+    def lack(self, what: Lacking, now: float, kind: Kind, why: Reason) -> Refusal | bool:
+        """Wait for what is not ready. Returns False, or a refusal after the limit."""
+        if what != self._what:
+            self._what = what
+            self._emit(WaitingFor(now, what))
+        return Refusal(kind, why) if now - self._since > self._limit_s else False
+
+
 class Preflight:
-    """Remembers what a search waits for, and since when.
+    """The checks before a launch.
 
     `permission`: to fly this vehicle; None if every vehicle may be flown. `commander`: has the vehicle's battery and
     sticks. `failsafes`: of the vehicle. `emit` gets the events.
@@ -233,49 +274,40 @@ class Preflight:
         self.failsafes = Failsafes()
         self._emit = emit
         self._session = session
-        self._autopilot = autopilot
         self._monitor = LinkMonitor("autopilot", autopilot, self._lost, session.resume)
         self._receiver = receiver
         self._commander = commander
-        self._since = start
+        self._wait = Wait(start, plan.timeout_s, emit)
         self._plan = plan
         self._permission = permission
         self._hover = Hover(session) if plan.take_over else None
         self._delay = ArmingDelay(0.0 if plan.dry_run else plan.countdown_s, emit)
-        self._checked_s = start
         self._failsafes_reported = False
         self._alone = False  # True if no other program read the receiver at the first check
-        self._waits_for: Lacking | None = None
-        self._mode: int | None = None  # of the vehicle; None: no heartbeat came since the link was opened, or a gap
-        self._taken = False  # True if another program has set the mode that follows set-points
+        self._watch = ModeWatch()
         self._armed_since = math.inf
 
     def on_packets(self, received: Received) -> None:
         """Use what the session received."""
         for msgid, message in received.messages((_HEARTBEAT, _PARAMETER)):
             if msgid == _HEARTBEAT:
-                self._watch_mode(message)
+                self._watch.on_heartbeat(message)
             else:
                 self.failsafes.on_parameter(message)
         if self._permission:
             self._permission.on_packets(received)
 
-    def _watch_mode(self, heartbeat: Any) -> None:
-        mode, px4 = heartbeat.custom_mode, heartbeat.autopilot == dialect.MAV_AUTOPILOT_PX4
-        self._taken |= self._mode not in (None, mode) and mode == (PX4 if px4 else ARDUCOPTER).steer
-        self._mode = mode
-
     def poll(self, now: float) -> bytes:
         """Return the requests to send now."""
         session = self._session
         out = self._permission.poll(now) if self._permission else b""
-        if session.vehicle and self._mode is not None and not session.lost:
+        if session.vehicle and self._watch.mode is not None and not session.lost:
             out += b"".join(map(session.encoder.pack, self.failsafes.poll(now, session.vehicle)))
         return out
 
     def restart(self) -> None:
         """Wait for a heartbeat after a gap, and begin the count-down again."""
-        self._mode = None
+        self._watch.mode = None
         self._delay.restart()
         if self._permission:  # the vehicle may be another one
             self._permission.forget()
@@ -291,17 +323,13 @@ class Preflight:
 
     def check(self, now: float) -> Refusal | bool:
         """Return True if all is ready for the flight, False while it is not, a refusal if it cannot become ready."""
-        if self._permission and self._permission.asking:
-            self._since += now - self._checked_s
-        self._checked_s = now
-        session = self._session
-        if self._autopilot.away:
-            return self._lack("link", now, "no link", lambda: because(Why.ERROR, text=self._autopilot.why))
-        if session.vehicle is None or self._mode is None:
-            return self._lack(
-                "autopilot", now, "no link", lambda: because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle())
-            )
-        if self._taken and not self._hover:
+        self._wait.check(now, asking=self._permission is not None and self._permission.asking)
+        session, mode = self._session, self._watch.mode
+        if self._monitor.link.away:
+            return self._lack("link", now, "no link", because(Why.ERROR, text=self._monitor.link.why))
+        if session.vehicle is None or mode is None:
+            return self._lack("autopilot", now, "no link", because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle()))
+        if self._watch.taken and not self._hover:
             return Refusal("failed", because(Why.MODE_SET_BY_PROGRAM))
         if session.vehicle.armed and not self._hover:
             self._armed_since = min(self._armed_since, now)
@@ -309,17 +337,16 @@ class Preflight:
                 return False
             return Refusal("failed", because(Why.ARMED_ALREADY))
         if self._receiver.silent(now):
-            silence = self._receiver.why_silent
-            return self._lack("frame", now, "no link", lambda: silence(now))
+            return self._lack("frame", now, "no link", self._receiver.why_silent(now))
         if not self._has_pose(now):
-            return self._lack("pose", now, "failed", lambda: because(Why.NO_POSE, lacking=session.why_no_pose()))
-        if self._hover and (moving := self._hover.why_not(now, self._mode)):
-            return self._lack("hover", now, "failed", lambda: because(Why.CANNOT_TAKE_OVER, because=moving))
+            return self._lack("pose", now, "failed", because(Why.NO_POSE, lacking=session.why_no_pose()))
+        if self._hover and (moving := self._hover.why_not(now, mode)):
+            return self._lack("hover", now, "failed", because(Why.CANNOT_TAKE_OVER, because=moving))
         battery = self._commander.battery.why(now)
         if battery is Why.BATTERY_LOW:
             return Refusal("failed", because(Why.BATTERY_LOW_BEFORE))
         if battery is not None:
-            return self._lack("battery", now, "failed", lambda: because(Why.BATTERY_UNKNOWN_BEFORE))
+            return self._lack("battery", now, "failed", because(Why.BATTERY_UNKNOWN_BEFORE))
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)
@@ -331,10 +358,7 @@ class Preflight:
         return ready
 
     def _permitted(self, now: float) -> Refusal | bool:
-        """Return True if the vehicle may be armed, False while that is unknown, or a refusal.
-
-        The time in which a person is asked does not count.
-        """
+        """Return True if the vehicle may be armed, False while that is unknown, or a refusal."""
         if not self._failsafes_reported:
             self._failsafes_reported = True
             parameters = tuple(self.failsafes.values.items())
@@ -362,12 +386,9 @@ class Preflight:
             self._emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
         return None
 
-    def _lack(self, what: Lacking, now: float, kind: Kind, why: Callable[[], Reason]) -> Refusal | bool:
+    def _lack(self, what: Lacking, now: float, kind: Kind, why: Reason) -> Refusal | bool:
         self._delay.restart()
-        if what != self._waits_for:
-            self._waits_for = what
-            self._emit(WaitingFor(now, what))
-        return Refusal(kind, why()) if now - self._since > self._plan.timeout_s else False
+        return self._wait.lack(what, now, kind, why)
 
     def _has_pose(self, now: float) -> bool:
         place = self._session.navigation.track.last_position

@@ -207,7 +207,7 @@ class Choice:
         self._nearer_s = math.inf  # start of the time in which another one is nearer
         self._put_off: dict[int, tuple[float, float]] = {}  # smallest distance, m, and start of the steady reception
         self._block = (0.0, 0, 0, 0.0)  # start, frames, frames with the transmitter, smallest distance before
-        self._guidance = guidance
+        self.guidance = guidance
         self._passes = passes
         self._emit = emit
         self._most_s = most_s
@@ -223,7 +223,7 @@ class Choice:
         one.last_m, one.last_s = observation.d_m, observation.time_s
         if one.last_m < one.nearest_m:
             one.nearest_m, one.nearest_at = one.last_m, observation.position[:2]
-        self._guidance.add(id_, observation)
+        self.guidance.add(id_, observation)
 
     def choose(self, ids: Collection[int], time_s: float, *, masked: bool = False) -> None:
         """Choose the nearest transmitter, with a margin so that noise does not change the choice.
@@ -266,7 +266,7 @@ class Choice:
                 self.target, self.since_s, self._from_m = closest, time_s, heard[closest].nearest_m
                 self._block = time_s, 0, 0, heard[closest].nearest_m
                 self.hunting = True
-                self._guidance.begin(closest, has_id=closest != NO_ID)
+                self.guidance.begin(closest, has_id=closest != NO_ID)
 
     def forgive(self) -> bool:
         """Allow the postponed transmitters again. Returns whether there were any."""
@@ -276,7 +276,7 @@ class Choice:
 
     def forget(self, id_: int) -> None:
         """Forget the readings of a transmitter; without an id, its reception too."""
-        self._guidance.forget(id_)
+        self.guidance.forget(id_)
         if id_ == NO_ID:
             del self.heard[id_]
 
@@ -300,7 +300,7 @@ class Choice:
 
     def _abandon(self) -> None:
         self.hunting = False
-        self._guidance.leave()
+        self.guidance.leave()
 
 
 AGREES: Final = "the newest readings agree with the place"
@@ -316,9 +316,8 @@ _SAME_M: Final = 1.0  # a place found twice within this distance is right
 class LastLook:
     """Remembers the places that were doubted. `choice`: the transmitter that is flown to."""
 
-    def __init__(self, choice: Choice, guidance: Guidance, emit: Callable[[Event], None]) -> None:
+    def __init__(self, choice: Choice, emit: Callable[[Event], None]) -> None:
         self._choice = choice
-        self._guidance = guidance
         self._emit = emit
         self._doubted: list[tuple[float, float]] = []
 
@@ -328,7 +327,7 @@ class LastLook:
         `last`: there is no time for more.
         """
         id_ = self._choice.target
-        contradicting = self._guidance.contradictions(time_s)
+        contradicting = self._choice.guidance.contradictions(time_s)
         if contradicting is None:
             return AGREES if last else LISTEN
         if id_ is None or sum(contradicting) <= _MANY * len(contradicting):

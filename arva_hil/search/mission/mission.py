@@ -43,6 +43,8 @@ from arva_hil.search.strategies.strips import Strips
 from arva_hil.search.team.team import Teammate, TeamStrips, strips_of
 from firmware_proto import Frame
 
+_AT_GOAL: Final = Why.FOUND, Why.NOT_SURE
+_COMPLETE: Final = *_AT_GOAL, Why.TIME_UP, Why.STRIPS_FLOWN  # all other ends are early
 _FAR_M: Final = 100.0  # from area and take-off point: a farther place ends the search
 _THERE_M: Final = 0.5  # from the place found
 _BELIEF_S: Final = 0.5  # between estimates that are reported
@@ -70,8 +72,8 @@ class Progress:
 class Mission:
     """The received transmitters and the state of the search.
 
-    - `ended`: the reason of its end, None before. `broken`: it has ended early.
-    - `sure`: the readings agree with the places found. `victims`: those of several.
+    - `ended`: the reason of its end, None before.
+    - `victims`: the places of several transmitters.
     - `progress`: since the end of the take-off, at `start_s`.
     - `land`: after the search it descends onto the place found, until `over`, when only landing or hovering is left.
     - `choice`: the transmitters received, and the one that it flies to.
@@ -97,20 +99,17 @@ class Mission:
     ) -> None:
         self.plan = plan
         self.ended: Reason | None = None
-        self.broken = False
-        self.found: Found | None = None  # it flies above this place, to end there or to record it
+        self._reached: AnalysisResult | None = None  # it flies above its place, to end there or to record it
         self.accuracy = UNKNOWN
-        self.sure = True
         self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
         self._twice = False  # whether the strips are flown for the second time since the last place found
         self._pauses = Pauses(start_s, plan.patience_s, emit)
         self.victims = Victims(plan.victims, host, emit)
         worker = worker or Inline(partial(plan.strategy, plan.speed))
-        self._guidance = Guidance(worker, emit, plan.patience_s)
-        self.choice = Choice(self._guidance, self._passes, emit, _LONG_S if team else math.inf)
-        self._last_look = LastLook(self.choice, self._guidance, emit)
-        self._dipole: NDArray[np.float64] | None = None  # at the place found
+        guidance = Guidance(worker, emit, plan.patience_s)
+        self.choice = Choice(guidance, self._passes, emit, _LONG_S if team else math.inf)
+        self._last_look = LastLook(self.choice, emit)
         self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
         self._land = land
@@ -125,7 +124,7 @@ class Mission:
         if not self._pauses.on_frame([channel for channel, _ in received], position, time_s):
             return
         every, heard = observations(received, time_s, position, rotation, self._keeper.ground), []
-        repeats = self._pauses.readings.repeats
+        repeats, guidance = self._pauses.readings.repeats, self.choice.guidance
         for id_, o in every.items():
             if not repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
                 heard.append(id_)
@@ -136,10 +135,12 @@ class Mission:
             masked = self._shares and hidden(frame, self.choice.target)
             self.choice.choose(heard, time_s, masked=masked)
             if self.choice.hunting and self.choice.target in heard:
-                self._guidance.observe(every[self.choice.target], self._keeper.wanted)
+                guidance.observe(every[self.choice.target], self._keeper.wanted)
             elif self.choice.hunting and not masked and not repeats(id_of(self.choice.target)):
-                self._guidance.observe(Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted)
-        self._use(self._guidance.exchange(time_s), time_s, position)
+                self.choice.guidance.observe(
+                    Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted
+                )
+        self._use(self.choice.guidance.exchange(time_s), time_s, position)
 
     def fly(
         self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
@@ -155,14 +156,14 @@ class Mission:
         height = height or Height(-position[2], False)
         if (height.landed or height.doubt) and not self.ended:
             landed = because(Why.ON_THE_GROUND) if height.landed else None
-            self._end(landed or height.doubt, broken=True)
+            self._end(landed or height.doubt)
         if self.ended and self._lands:
             return self._come_down(time_s, position, height)
         if self._team:
             self._keeper.asked = self._team.height(self.plan.height, height.metres - height.margin, position)
         down = self._keeper.velocity(time_s, height)
         if self._keeper.failed and not self.ended:
-            self._end(because(Why.TOO_LOW, metres=height.metres), broken=True)
+            self._end(because(Why.TOO_LOW, metres=height.metres))
         north, east = self._horizontal(time_s, position, receiver or position)
         share = self._keeper.pace * self.plan.speed / max(math.hypot(north, east), self.plan.speed)
         return north * share, east * share, down
@@ -170,7 +171,23 @@ class Mission:
     def confirm(self, time_s: float) -> None:
         """Compare the newest readings, from near the ground: the transmitter may have moved in the meantime."""
         if self.found_surely and self.found and self._last_look.check(self.found, time_s, last=True) != AGREES:
-            self.sure, self.ended = False, because(Why.NOT_SURE)
+            self._judge(sure=False)
+            self.ended = because(Why.NOT_SURE)
+
+    @property
+    def found(self) -> Found | None:
+        """The place above which it flies, to end there or to record it."""
+        return self._reached.found if self._reached else None
+
+    @property
+    def sure(self) -> bool:
+        """True if the readings agree with the place found, or with all that are recorded."""
+        return self._reached.sure if self._reached else all(victim.sure for victim in self.victims.places)
+
+    @property
+    def broken(self) -> bool:
+        """True if it has ended early."""
+        return self.ended is not None and self.ended.why not in _COMPLETE
 
     @property
     def over(self) -> bool:
@@ -180,7 +197,7 @@ class Mission:
     @property
     def at_goal(self) -> bool:
         """True if the search has ended because everything was found."""
-        return self.ended is not None and self.ended.why in (Why.FOUND, Why.NOT_SURE)
+        return self.ended is not None and self.ended.why in _AT_GOAL
 
     @property
     def found_surely(self) -> bool:
@@ -223,7 +240,7 @@ class Mission:
             if self.found:
                 self._emit(DescentBegun(time_s))
         if self.found:
-            self._guidance.contradictions(time_s)  # the newest ones at the end of the descent
+            self.choice.guidance.contradictions(time_s)  # the newest ones at the end of the descent
         velocity = self._descent.velocity(time_s, position, height)
         if self._descent.done:
             self.confirm(time_s)
@@ -232,28 +249,28 @@ class Mission:
     def _horizontal(self, time_s: float, position: Position, receiver: Position) -> Velocity:
         if self.ended:
             return STILL
-        self._use(self._guidance.exchange(time_s), time_s, position)
+        self._use(self.choice.guidance.exchange(time_s), time_s, position)
         if self.ended:
             return STILL
         if self._is_far(position):
-            return self._end(because(Why.TOO_FAR, metres=_FAR_M), broken=True)
-        if silent := self._guidance.silent(time_s):
-            return self._end(because(Why.STRATEGY_FAILED, text=silent), broken=True)
+            return self._end(because(Why.TOO_FAR, metres=_FAR_M))
+        if silent := self.choice.guidance.silent(time_s):
+            return self._end(because(Why.STRATEGY_FAILED, text=silent))
         if self.found is not None:
             return self._go_there(self.found, time_s, position)
         if no_frame := self._pauses.silent(time_s):
-            return self._end(no_frame, broken=True)
+            return self._end(no_frame)
         if self.progress.searched_s > self.plan.limit_s:
             return self._end(self.victims.not_all(Why.TIME_UP, len(self.others), limit_s=self.plan.limit_s))
         if self._pauses.waits(time_s):
             if stuck := self._pauses.stuck(time_s):
-                self._end(stuck, broken=True)
+                self._end(stuck)
             return STILL
         if self.choice.hunting:
             if self.victims.several and self.victims.put_aside(self.choice, self.others, time_s):
                 return self._go_on(position)
-            self._use(self._guidance.steer(time_s, receiver), time_s, position)
-            return STILL if self.ended else self._guidance.velocity(time_s)
+            self._use(self.choice.guidance.steer(time_s, receiver), time_s, position)
+            return STILL if self.ended else self.choice.guidance.velocity(time_s)
         if self.victims.several and (place := self.victims.heard_at(self.others, receiver)):
             return towards(receiver, place, self.plan.speed)
         velocity = self._strips.velocity(time_s, receiver)
@@ -282,7 +299,7 @@ class Mission:
             verdict = self._last_look.check(found, time_s, last=late)
             if verdict in (LOOK_AGAIN, LISTEN):
                 return self._go_on(position) if verdict == LOOK_AGAIN else STILL
-            self.sure = verdict == AGREES
+            self._judge(sure=verdict == AGREES)
         if not self.victims.several:
             return self._end_at_goal()
         return self._add_victim(found, time_s, position, late=late)
@@ -293,20 +310,21 @@ class Mission:
         assert target is not None
         if not victims.unreported:
             self._twice = False
-            victims.add(Victim(target, found, self.sure, self.progress.searched_s), self._dipole, time_s)
+            dipole = self._reached.dipole if self._reached else None
+            victims.add(Victim(target, found, self.sure, self.progress.searched_s), dipole, time_s)
         if victims.settling and not late:
             return STILL
         if target == NO_ID:
             self.choice.forget(target)
         victims.report(self.choice.heard, time_s)
-        self.sure = all(victim.sure for victim in victims.places)
+        self._judge(sure=all(victim.sure for victim in victims.places))
         if victims.enough:
             return self._end_at_goal()
         return self._go_on(position)
 
     def _go_on(self, position: Position) -> Velocity:
         """Go on to the next transmitter, or back to the strips. Returns the velocity."""
-        self.found = None
+        self._reached = None
         self.choice.leave()
         self._strips.resume(position)
         return STILL
@@ -323,9 +341,9 @@ class Mission:
         if answer is None or self.ended:
             return
         if answer.failed:
-            self._end(because(Why.STRATEGY_FAILED, text=answer.failed), broken=True)
+            self._end(because(Why.STRATEGY_FAILED, text=answer.failed))
             return
-        if (target := self.choice.target) is None or self.found is not None:
+        if (target := self.choice.target) is None or self._reached:
             return
         if answer.track and target != NO_ID:
             self.victims.put_moving_aside(target, answer.track)
@@ -336,9 +354,9 @@ class Mission:
         if answer.found is not None:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
-            self.found, self.sure, self._dipole = answer.found, answer.sure, answer.dipole
+            self._reached = answer
             self.victims.moving.pop(target, None)
-            self._tell(self.found, id_of(target), time_s)
+            self._tell(answer.found, id_of(target), time_s)
         if answer.belief is not None and time_s >= self._belief_s:
             self._belief_s = time_s + _BELIEF_S
             self._emit(BeliefChanged(time_s, id_of(target), *answer.belief))
@@ -359,9 +377,13 @@ class Mission:
         self._go_on(position)
         return True
 
+    def _judge(self, *, sure: bool) -> None:
+        if self._reached:
+            self._reached = self._reached._replace(sure=sure)
+
     def _end_at_goal(self) -> Velocity:
         return self._end(because(Why.FOUND if self.sure else Why.NOT_SURE))
 
-    def _end(self, how: Reason | None, *, broken: bool = False) -> Velocity:
-        self.ended, self.broken = how, broken
+    def _end(self, how: Reason | None) -> Velocity:
+        self.ended = how
         return STILL
