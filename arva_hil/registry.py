@@ -301,8 +301,8 @@ EXPORTS: Final = Registry(  # a function (recording, binary file) -> None
     "export format",
     "arva_hil.exports",
     {
-        "kml": "arva_hil.records.exports.kml:write",
-        "gpx": "arva_hil.records.exports.gpx:write",
+        "kml": "arva_hil.records.exports.xml:write_kml",
+        "gpx": "arva_hil.records.exports.xml:write_gpx",
         "geojson": "arva_hil.records.exports.geojson:write",
         "csv": "arva_hil.records.exports.table:write",
         "mcap": "arva_hil.records.exports.mcap:write",

@@ -53,8 +53,8 @@ def _mark(mark: Landmark) -> Iterator[dict[str, Any]]:
 def _lines(track: FlightTrack) -> Iterator[dict[str, Any]]:
     """Yield lines for each part of the track with two points or more. A long part has several, end to end."""
     for part in track.parts():
-        for first in range(part.start, part.stop - 1, _LONGEST_LINE):
-            line = track.lla[first : min(first + _LONGEST_LINE + 1, part.stop), [1, 0, 2]].tolist()
+        for first in range(0, len(part.rows) - 1, _LONGEST_LINE):
+            line = part.lla[first : first + _LONGEST_LINE + 1, [1, 0, 2]].tolist()
             yield _feature("track", "LineString", line, name=one_line(track.name))
 
 

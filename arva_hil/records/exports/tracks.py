@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise, starmap
+from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -47,10 +47,22 @@ class FlightTrack(NamedTuple):
         nearest = self.receiver.begins[self.rows]
         return np.where(self.receiver.zone[nearest] > 0, self.receiver.d_cm[nearest] / 100, np.nan)
 
-    def parts(self) -> Iterator[range]:
-        """Yield the pieces without gaps, as ranges of 0…N - 1."""
-        begins = [*np.flatnonzero(self.gaps).tolist(), len(self.rows)]
-        return starmap(range, pairwise([0, *begins]))
+    def range_m(self) -> Floats:
+        """Return the true range (N,) of the same transmitter [m]; NaN if it is not known."""
+        assert self.receiver is not None
+        return self.receiver.true_range_m[self.receiver.begins[self.rows]]
+
+    def parts(self) -> Iterator[FlightTrack]:
+        """Yield the pieces without gaps."""
+        for first, end in pairwise([0, *np.flatnonzero(self.gaps).tolist(), len(self.rows)]):
+            piece = slice(first, end)
+            yield FlightTrack(
+                self.name, self.receiver, self.rows[piece], self.time_s[piece], self.lla[piece], self.gaps[piece]
+            )
+
+    def points(self) -> Iterator[tuple[float, list[float], float]]:
+        """Yield time, place and d of each instant."""
+        return zip(*map(plain_rows, (self.time_s, self.lla, self.heard_m())), strict=True)
 
 
 class Landmark(NamedTuple):
