@@ -20,7 +20,7 @@ from arva_hil.cli.view import serve
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.viewer import RecordedState
 from arva_hil.records.reading import RecordedReceiver, load
-from arva_hil.records.reading.receivers import NO_ID
+from arva_hil.records.reading.recording import NO_ID
 from tests.browser import ARGUMENTS, CHROMIUM
 
 READ = """([time, seq]) => {

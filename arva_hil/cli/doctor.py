@@ -13,9 +13,8 @@ from typing import Final
 
 from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.diagnosis import diagnosis
-from arva_hil.cli.diagnosis.diagnosis import held
+from arva_hil.cli.diagnosis.diagnosis import Finding, held
 from arva_hil.cli.diagnosis.examination import AutopilotProbe, PortProbe
-from arva_hil.cli.diagnosis.values import Finding
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot, next_command, session, signing

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from arva_hil.cli.diagnosis import diagnosis
-from arva_hil.cli.diagnosis.values import Finding, PortTraffic, Source, StreamRate, Traffic
+from arva_hil.cli.diagnosis.diagnosis import Finding, PortTraffic, Source, StreamRate, Traffic
 from arva_hil.links.serial_ports import SerialPort
 
 PILOT = Source(1, 1, "ardupilotmega quadrotor", True, 6, 1.0)

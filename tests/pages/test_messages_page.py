@@ -8,7 +8,7 @@ import yaml
 
 from arva_hil.config import DEFAULT
 from arva_hil.records.ros_messages.live import LiveMessages
-from arva_hil.records.ros_messages.names import MAP
+from arva_hil.records.ros_messages.types import MAP
 
 from .pages import ROOT
 

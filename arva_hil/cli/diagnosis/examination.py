@@ -10,8 +10,7 @@ from typing import Final
 
 from arva_hil.autopilot.following.discovery import is_autopilot, short_name
 from arva_hil.autopilot.following.session import Session
-from arva_hil.cli.diagnosis.diagnosis import rate
-from arva_hil.cli.diagnosis.values import PortTraffic, Source, StreamRate, Traffic
+from arva_hil.cli.diagnosis.diagnosis import PortTraffic, Source, StreamRate, Traffic, rate
 from arva_hil.clock import Clock
 from arva_hil.config import DEFAULT
 from arva_hil.emulator.build import receiver

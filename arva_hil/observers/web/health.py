@@ -2,12 +2,136 @@
 
 from __future__ import annotations
 
-from typing import Any
+import contextlib
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
 
 from arva_hil import events
-from arva_hil.events import Event, StatusReport, VehicleStatus, vehicles
-from arva_hil.observers.web.vitals import Vitals
+from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.modes import modes_of
+from arva_hil.events import Event, PacketsReceived, StatusReport, VehicleStatus, vehicles
+from arva_hil.mavlink.codec import decode, dialect
+from arva_hil.mavlink.packet import Packet
 from arva_hil.safe_text import one_line
+
+USED: Final = (
+    dialect.MAVLINK_MSG_ID_HEARTBEAT,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+)
+_AUTOPILOT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
+_OLD_S: Final = 3.0  # of the newest packet
+_LOW, _EMPTY = 30, 15  # % of the battery
+_FEW: Final = 6  # satellites
+_FIXES: Final = {2: "2D fix", 3: "3D fix", 4: "DGPS fix", 5: "RTK float", 6: "RTK fix"}
+_NO_PLACE: Final = "the estimator has no position: wait for GPS, or restart the autopilot"
+_ABSOLUTE: Final = dialect.EKF_POS_HORIZ_ABS  # the same bit as ESTIMATOR_POS_HORIZ_ABS
+_WRONG: Final = 0.8  # a variance, or a test ratio, that ArduPilot calls bad
+
+
+Source = tuple[str, int]  # link, system id
+
+
+class Check(NamedTuple):
+    """A line of the health. `level`: good, warn or bad. `cure`: "" if nothing is wrong."""
+
+    level: str
+    name: str
+    value: str
+    cure: str = ""
+
+
+class Vitals:
+    """Remembers the newest packets of each autopilot, by its link and system id."""
+
+    def __init__(self) -> None:
+        self._heard_s: dict[Source, float] = {}
+        self._newest: dict[Source, dict[int, Packet]] = {}  # by message
+
+    def on_packets(self, event: PacketsReceived) -> None:
+        """Keep the newest packets of each kind."""
+        for packet in event.packets:
+            if packet.component == _AUTOPILOT and not packet.refused:
+                source = event.link, packet.system
+                self._heard_s[source] = event.time_s
+                if packet.msgid in USED:
+                    self._newest.setdefault(source, {})[packet.msgid] = packet
+
+    def forget(self) -> None:
+        """Forget all vehicles."""
+        self._heard_s.clear()
+        self._newest.clear()
+
+    def checks_of_link(self, link: str, now: float) -> list[Check]:
+        """Return the lines of the only vehicle on a link."""
+        return self.checks(next((source for source in self._heard_s if source[0] == link), None), now)
+
+    def checks(self, source: Source | None, now: float) -> list[Check]:
+        """Return the lines of a vehicle; none for values that it does not report."""
+        if source not in self._heard_s:
+            return []
+        said = {id_: decode(packet) for id_, packet in self._newest.get(source, {}).items()}
+        age_s = max(0.0, now - self._heard_s[source])
+        cure = "" if age_s < _OLD_S else "is it powered, and in range of its link?"
+        lines = [_mode(said), _battery(said), _gps(said), _estimator(said)]
+        lines.append(Check("bad" if cure else "good", "link", f"{age_s:.1f} s ago", cure))
+        return [line for line in lines if line]
+
+
+def _mode(said: Mapping[int, Any]) -> Check | None:
+    beat = said.get(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+    if beat is None:
+        return None
+    armed = beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    mode = f"mode {beat.custom_mode}"
+    with contextlib.suppress(ValueError):  # it is neither ArduPilot nor PX4
+        mode = modes_of(Vehicle(1, 1, beat.autopilot, beat.type, bool(armed), 2)).name(beat.custom_mode)
+    if beat.system_status >= dialect.MAV_STATE_CRITICAL:
+        return Check("bad", "mode", f"{mode}, failsafe", "a failsafe acts: watch the vehicle, take the sticks")
+    return Check("good", "mode", f"{mode}, {'armed' if armed else 'disarmed'}")
+
+
+def _battery(said: Mapping[int, Any]) -> Check | None:
+    status = said.get(dialect.MAVLINK_MSG_ID_SYS_STATUS)
+    if status is None or (status.battery_remaining < 0 and status.voltage_battery in (0, 0xFFFF)):
+        return None
+    left = status.battery_remaining
+    volts = "" if status.voltage_battery in (0, 0xFFFF) else f"{status.voltage_battery / 1e3:.1f} V"
+    value = ", ".join(filter(None, [f"{left} %" if left >= 0 else "", volts]))
+    if 0 <= left < _LOW:
+        return Check("bad" if left < _EMPTY else "warn", "battery", value, "land, and change the battery")
+    return Check("good", "battery", value)
+
+
+def _gps(said: Mapping[int, Any]) -> Check | None:
+    raw = said.get(dialect.MAVLINK_MSG_ID_GPS_RAW_INT)
+    if raw is None:
+        return None
+    count = raw.satellites_visible
+    value = f"{_FIXES.get(raw.fix_type, 'no fix')}{'' if count == 255 else f', {count} satellites'}"
+    if raw.fix_type < 3:
+        return Check("bad", "GPS", value, "wait for a fix; the antenna needs a free view of the sky")
+    few = count < _FEW
+    return Check("warn" if few else "good", "GPS", value, "positions may jump: wait for more satellites" if few else "")
+
+
+def _estimator(said: Mapping[int, Any]) -> Check | None:
+    status = said.get(dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
+    kinds = ["velocity_variance", "pos_horiz_variance", "compass_variance"]
+    if status is None:
+        status, kinds = said.get(dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS), ["vel_ratio", "pos_horiz_ratio", "mag_ratio"]
+    if status is None:
+        return None
+    ratios = dict(zip(("velocity", "position", "compass"), (getattr(status, kind) for kind in kinds), strict=True))
+    if not status.flags & _ABSOLUTE:
+        return Check("bad", "EKF", "no position", _NO_PLACE)
+    worst = max(ratios, key=lambda name: ratios[name])
+    if ratios[worst] >= _WRONG:
+        cure = f"its {worst} disagrees: remove metal near by, calibrate the compass, wait for GPS"
+        return Check("warn", "EKF", f"{worst} {ratios[worst]:.1f}", cure)
+    return Check("good", "EKF", "position known")
 
 
 class Health:

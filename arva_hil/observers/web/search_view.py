@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from arva_hil.events import Event, searches
 from arva_hil.events.words.reasons import in_words
-from arva_hil.observers.web.places import Places
+from arva_hil.observers.web.truth import Places
 from arva_hil.safe_text import one_line
 
 SEARCH: Final = "search:"  # begins the name of its origin; no vehicle has a colon in its name

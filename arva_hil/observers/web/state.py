@@ -14,9 +14,8 @@ from arva_hil.observers.web import jsons
 from arva_hil.observers.web.background import REACH_M, Background, Source
 from arva_hil.observers.web.health import Health
 from arva_hil.observers.web.history import TextHistory
-from arva_hil.observers.web.places import Places
 from arva_hil.observers.web.search_view import SEARCH, SearchView
-from arva_hil.observers.web.truth import TransmitterView
+from arva_hil.observers.web.truth import Places, TransmitterView
 from arva_hil.safe_text import one_line
 
 _MOST_EVENTS: Final = 200

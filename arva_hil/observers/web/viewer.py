@@ -22,16 +22,14 @@ from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.background import Source
-from arva_hil.observers.web.health import Health
-from arva_hil.observers.web.places import Places
+from arva_hil.observers.web.health import USED, Health
 from arva_hil.observers.web.search_view import PHASES, SearchView
 from arva_hil.observers.web.state import Key, State
-from arva_hil.observers.web.vitals import USED
+from arva_hil.observers.web.truth import Places
 from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
-from arva_hil.records.reading.lines import RecordingError
-from arva_hil.records.reading.receivers import NO_ID
+from arva_hil.records.reading.lines import RecordingError, mapping, number, text
+from arva_hil.records.reading.recording import NO_ID
 from arva_hil.records.reading.streams import packets
-from arva_hil.records.reading.values import mapping, number, text
 
 _THINNED: Final = 3000  # readings that represent all
 _NEWEST: Final = 100  # before the chosen time, all kept

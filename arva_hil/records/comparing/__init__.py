@@ -1,8 +1,7 @@
 """Readings of one flight side by side: of a real receiver and the emulator, or of two records."""
 
-from .again import Emulated, emulated_again
+from .again import Emulated, NotComparable, Paired, emulated_again, paired_frames
 from .comparison import TOO_FEW, Comparison, Spread, compared
-from .pairing import NotComparable, Paired, paired_frames
 
 __all__ = ["TOO_FEW", "Comparison", "Emulated", "NotComparable", "Paired", "Spread", "compared", "emulated_again"]
 __all__ += ["paired_frames"]

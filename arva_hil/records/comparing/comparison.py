@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.records.comparing.pairing import Floats, Paired
+from arva_hil.records.comparing.again import Floats, Paired
 from arva_hil.records.reading import RecordedReceiver
-from arva_hil.records.reading.receivers import NO_ID
+from arva_hil.records.reading.recording import NO_ID
 from firmware_proto.frame import missing
 
 Mask = NDArray[np.bool_]

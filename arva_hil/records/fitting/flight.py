@@ -16,7 +16,7 @@ from arva_hil.errors import ArvaError
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.comparing.again import feed
 from arva_hil.records.reading import Recording
-from arva_hil.records.reading.receivers import NO_ID
+from arva_hil.records.reading.recording import NO_ID
 
 Floats = NDArray[np.float64]
 

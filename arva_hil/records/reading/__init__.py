@@ -2,8 +2,7 @@
 
 from .folder import is_record, load
 from .lines import RecordingError
-from .receivers import RecordedReceiver
-from .recording import RecordedDatum, RecordedRun, Recording
+from .recording import RecordedDatum, RecordedReceiver, RecordedRun, Recording
 from .search import RecordedPlace, RecordedSearch
 
 __all__ = [

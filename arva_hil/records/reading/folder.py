@@ -16,11 +16,20 @@ from numpy.typing import NDArray
 
 from arva_hil.config import Lla, ScenarioError, parse
 from arva_hil.emulator.setup import receivers_of
-from arva_hil.records.reading.lines import Lines, RecordingError, json_object, strict_json, table
-from arva_hil.records.reading.receivers import NO_ID, RecordedReceiver
-from arva_hil.records.reading.recording import RecordedDatum, RecordedRun, Recording
+from arva_hil.records.reading.lines import (
+    Lines,
+    RecordingError,
+    json_object,
+    mapping,
+    number,
+    seconds_of,
+    strict_json,
+    table,
+    text,
+    triple,
+)
+from arva_hil.records.reading.recording import NO_ID, RecordedDatum, RecordedReceiver, RecordedRun, Recording
 from arva_hil.records.reading.search import read_search
-from arva_hil.records.reading.values import mapping, number, seconds_of, text, triple
 from arva_hil.records.writing.layout import EVENTS, READINGS, RUN, VERSION, RecordLayout
 from arva_hil.records.writing.search_log import NEWS, TRACK
 

@@ -13,8 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.records.reading.lines import Lines, json_object, table
-from arva_hil.records.reading.values import mapping, number, pair, seconds_of, text, triple
+from arva_hil.records.reading.lines import Lines, json_object, mapping, number, pair, seconds_of, table, text, triple
 from arva_hil.records.writing.search_log import OUTCOME, TRACK
 
 Floats = NDArray[np.float64]

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from arva_hil.links import LinkError
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import dialect
-from arva_hil.records.reading.lines import RecordingError
+from arva_hil.records.reading.lines import RecordingError, mapping, text
 from arva_hil.records.reading.recording import Recording
-from arva_hil.records.reading.values import mapping, text
 from arva_hil.records.writing.layout import TLOG
 
 _MOST: Final = 1_000_000  # largest number of pairs of message and second

@@ -19,16 +19,19 @@ from arva_hil.model.field.arrays import Array
 from arva_hil.model.field.dipole import dipole_field
 from arva_hil.model.receiver import Pose
 from arva_hil.model.receiver.reading import ChannelReading
-from arva_hil.records.ros_messages import frames, markers
+from arva_hil.records.ros_messages import geometry
 from arva_hil.records.ros_messages import types as ros
-from arva_hil.records.ros_messages.names import DIAGNOSTICS, MAP, TF, names_of
 from arva_hil.records.ros_messages.types import (
+    DIAGNOSTICS,
+    MAP,
+    TF,
     DiagnosticArray,
     DiagnosticStatus,
     Header,
     KeyValue,
     Publication,
     header,
+    names_of,
     stamp_of,
 )
 from arva_hil.safe_text import one_line
@@ -119,24 +122,24 @@ class RunMessages:
         made = [Publication(names.arva, stamp, ros.Arva(own, slots))]
         transforms = []
         if taken.pose is not None:
-            pose = frames.pose(taken.pose.position, taken.pose.rotation)
+            pose = geometry.pose(taken.pose.position, taken.pose.rotation)
             made.append(Publication(names.pose, stamp, ros.PoseStamped(world, pose)))
-            transforms.append(ros.TransformStamped(world, names.frame, frames.transform(pose)))
+            transforms.append(ros.TransformStamped(world, names.frame, geometry.transform(pose)))
             if datum := self._datums.get(taken.vehicle):
                 lat, lon, alt = map(float, datum.lla(taken.pose.position))
                 made.append(Publication(names.fix, stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
         if taken.reported is not None and taken.reported is not taken.pose:
-            reported = frames.pose(taken.reported.position, taken.reported.rotation)
+            reported = geometry.pose(taken.reported.position, taken.reported.rotation)
             made.append(Publication(names.reported_pose, stamp, ros.PoseStamped(world, reported)))
         if self._may_draw(key, stamp):
             if names.map != MAP and self.world and (datum := self._datums.get(taken.vehicle)):
-                there_is = frames.between(self.world, datum)
+                there_is = geometry.between(self.world, datum)
                 transforms.append(ros.TransformStamped(header(stamp, MAP), names.map, there_is))
             shapes = self._arrows_of(key, own, slots)
             for id_, place, rotation in _placed(there):
-                pose = frames.pose(place, rotation)
-                shapes += markers.transmitter(world, id_, pose)
-                transforms.append(ros.TransformStamped(world, f"{names.transmitter}{id_}", frames.transform(pose)))
+                pose = geometry.pose(place, rotation)
+                shapes += geometry.transmitter(world, id_, pose)
+                transforms.append(ros.TransformStamped(world, f"{names.transmitter}{id_}", geometry.transform(pose)))
             made.append(Publication(names.visualization, stamp, ros.MarkerArray(shapes)))
         if transforms:
             made.insert(0, Publication(TF, stamp, ros.TFMessage(transforms)))
@@ -164,11 +167,11 @@ class RunMessages:
 
     def _arrows_of(self, key: tuple[str, str], own: ros.Header, slots: Sequence[ros.ArvaData]) -> list[ros.Marker]:
         """Return an arrow for each slot with a direction. Other arrows are removed."""
-        shown = {n: slot for n, slot in enumerate(slots, 1) if markers.is_direction(slot.direction)}
+        shown = {n: slot for n, slot in enumerate(slots, 1) if geometry.is_direction(slot.direction)}
         gone = sorted(self._arrows.get(key, frozenset()) - shown.keys())
         self._arrows[key] = frozenset(shown)
-        arrows = [markers.field(own, n, slot.id, slot.direction) for n, slot in shown.items()]
-        return arrows + markers.removed(own, markers.FIELD, gone)
+        arrows = [geometry.field(own, n, slot.id, slot.direction) for n, slot in shown.items()]
+        return arrows + geometry.removed(own, geometry.FIELD, gone)
 
     def _may_draw(self, key: tuple[str, str], stamp_ns: int) -> bool:
         if abs(stamp_ns - self._shaped.get(key, -(2**63))) < _SHAPES_S * 1e9:
@@ -191,7 +194,7 @@ def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.
         return {}
     field = dipole_field(pose.position, there.positions, there.rotations, there.strengths) @ pose.rotation
     every = zip(there.ids, field.tolist(), strict=True)
-    return {id_: frames.body_vector(frd) for id_, frd in every if id_ not in there.unplaced}
+    return {id_: geometry.body_vector(frd) for id_, frd in every if id_ not in there.unplaced}
 
 
 def _slot(channel: ChannelReading, directions: dict[int, ros.Vector3]) -> ros.ArvaData:

@@ -16,8 +16,8 @@ from arva_hil.model.field import rotation
 from arva_hil.model.receiver import Pose
 from arva_hil.model.receiver.reading import ChannelReading
 from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
-from arva_hil.records.reading.receivers import NO_ID
-from arva_hil.records.reading.values import mapping, number, text
+from arva_hil.records.reading.lines import mapping, number, text
+from arva_hil.records.reading.recording import NO_ID
 from arva_hil.records.ros_messages.readings import RunMessages, Taken
 from arva_hil.records.ros_messages.searches import SearchMessages
 from arva_hil.records.ros_messages.types import Publication, stamp_of

@@ -14,10 +14,9 @@ import numpy as np
 from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, PlaceFound, TakeOffPoint
 from arva_hil.model.field import LocalFrame, rotation
-from arva_hil.records.ros_messages import frames, markers
+from arva_hil.records.ros_messages import geometry
 from arva_hil.records.ros_messages import types as ros
-from arva_hil.records.ros_messages.names import MAP, TF
-from arva_hil.records.ros_messages.types import Publication, header, stamp_of
+from arva_hil.records.ros_messages.types import MAP, TF, Publication, header, stamp_of
 from firmware_proto import MID, Channel
 
 TAKE_OFF: Final = "takeoff"
@@ -80,29 +79,31 @@ class SearchMessages:
         transforms = []
         if event.position is not None and event.heading_deg is not None:
             level = rotation.to_matrix(rotation.from_euler(0.0, 0.0, math.radians(event.heading_deg)))
-            pose = frames.pose(event.position, level)
+            pose = geometry.pose(event.position, level)
             made.append(Publication(POSE, stamp, ros.PoseStamped(ground, pose)))
-            transforms.append(ros.TransformStamped(ground, RECEIVER, frames.transform(pose)))
+            transforms.append(ros.TransformStamped(ground, RECEIVER, geometry.transform(pose)))
             if self._origin:
                 made.append(Publication(FIX, stamp, self._fix(own, event.position, None)))
         if world and self._origin:
-            there = frames.between(world, self._origin)
+            there = geometry.between(world, self._origin)
             transforms.append(ros.TransformStamped(header(stamp, MAP), TAKE_OFF, there))
         return [Publication(TF, stamp, ros.TFMessage(transforms)), *made] if transforms else made
 
     def _believed(self, event: BeliefChanged, ground: ros.Header) -> list[ros.Marker]:
         every = event.hypotheses
         shapes = [
-            markers.sphere(ground, "hypotheses", n, frames.point((north, east, 0.0)), _HYPOTHESIS_M * share**0.5, 0.6)
+            geometry.sphere(
+                ground, "hypotheses", n, geometry.point((north, east, 0.0)), _HYPOTHESIS_M * share**0.5, 0.6
+            )
             for n, (north, east, share) in enumerate(every)
         ]
-        shapes += markers.removed(ground, "hypotheses", range(len(every), self._drawn))
+        shapes += geometry.removed(ground, "hypotheses", range(len(every), self._drawn))
         self._drawn = len(every)
         if event.covariance is not None and every:
             north, east = (sum(one[axis] * one[2] for one in every) for axis in (0, 1))
-            shapes.append(markers.ellipse(ground, "95 %", frames.point((north, east, 0.0)), event.covariance))
+            shapes.append(geometry.ellipse(ground, "95 %", geometry.point((north, east, 0.0)), event.covariance))
         if event.goal is not None:
-            shapes.append(markers.sphere(ground, "goal", 0, frames.point((*event.goal, 0.0)), 0.3))
+            shapes.append(geometry.sphere(ground, "goal", 0, geometry.point((*event.goal, 0.0)), 0.3))
         return shapes
 
     def _again(self, now: float, stamp: int) -> list[Publication]:
@@ -112,9 +113,9 @@ class SearchMessages:
             return []
         self._told_s = now
         ground, place = header(stamp, TAKE_OFF), (found.north_m, found.east_m, 0.0)
-        shapes = [markers.sphere(ground, "found", 0, frames.point(place), _FOUND_M)]
+        shapes = [geometry.sphere(ground, "found", 0, geometry.point(place), _FOUND_M)]
         if found.covariance is not None:
-            shapes.append(markers.ellipse(ground, "95 %", frames.point(place), found.covariance))
+            shapes.append(geometry.ellipse(ground, "95 %", geometry.point(place), found.covariance))
         made = [self._shapes(stamp, shapes)]
         if self._origin:
             made.append(Publication(FOUND, stamp, self._fix(ground, place, found.earth_covariance or found.covariance)))

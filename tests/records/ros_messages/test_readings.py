@@ -14,9 +14,8 @@ from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.model.field import rotation
 from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
-from arva_hil.records.ros_messages.names import names_of
 from arva_hil.records.ros_messages.readings import RunMessages
-from arva_hil.records.ros_messages.types import Publication, encode
+from arva_hil.records.ros_messages.types import Publication, encode, names_of
 
 from .oracle import read
 
