@@ -388,11 +388,11 @@ def test_two_emulators_side_by_side_in_one_process_do_not_touch_each_other() -> 
     alone = []
     for scenario, vehicle in zip((first, second), vehicles(), strict=True):
         bench = Bench(scenario, vehicle)
-        bench.run(20.0)
+        bench.run(10.0)
         alone.append(bench.consumer.read())
     together = [Bench(s, v) for s, v in zip((first, second), vehicles(), strict=True)]
     tasks = [task for bench in together for task in (bench.simulator, bench.emulator)]
-    run(tasks, StepClock(), until=20.0)
+    run(tasks, StepClock(), until=10.0)
     assert [bench.consumer.read() for bench in together] == alone
     assert [b.emulator.session.vehicle.system for b in together if b.emulator.session.vehicle] == [1, 42]
 

@@ -176,7 +176,7 @@ def test_facts_without_noise() -> None:
     assert furthest(on_axis) == pytest.approx(54.5, abs=0.05)
     assert furthest(on_equator) == pytest.approx(43.3, abs=0.05)
     theta = np.linspace(0, 2 * np.pi, 10_001)[:-1]
-    assert Antennas().kappa_eq == pytest.approx(np.sqrt(1 + 3 * np.cos(theta) ** 2).mean(), abs=5e-4)
+    assert Antennas().kappa_eq == pytest.approx(np.sqrt(1 + 3 * np.cos(theta) ** 2).mean(), abs=7e-4)
 
 
 def test_facts_with_the_noise_at_its_worst() -> None:
@@ -207,7 +207,7 @@ def magnitudes(kind: NoiseKind) -> scipy.stats.rv_continuous:
 
 @pytest.mark.parametrize("kind", ["uniform", "gaussian"])
 def test_noise_is_bounded_and_uniform_in_direction(kind: NoiseKind) -> None:
-    w = draw_noise(np.random.default_rng(5), 100_000, kind, 3.0)
+    w = draw_noise(np.random.default_rng(5), 50_000, kind, 3.0)
     size = np.linalg.norm(w, axis=1)
     assert 2.99 < size.max() <= 3 * (1 + 1e-15)
     sphere = scipy.stats.uniform(-1, 2)

@@ -79,7 +79,7 @@ def oracle_noise(rng: np.random.Generator, kind: NoiseKind, bound: float) -> tup
 
 @pytest.mark.parametrize(("kind", "floor"), [("uniform", 80.0), ("gaussian", 45.0), ("uniform", 78.0)])
 def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: float) -> None:
-    m, frames, channels = 5, 1000, 4
+    m, frames, channels = 5, 500, 4
     rng = np.random.default_rng(1)
     t, R_t = random_transmitters(rng, m)
     antennas = Antennas(sensitivity=(0.9, 0.7, 0.5), kappa_eq=1.6, floor_range_m=floor, noise=kind)
@@ -129,8 +129,8 @@ def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: 
         interfered += interference
         overfull += got.more_heard
     assert edges <= 3
-    assert min(zones[z] for z in Zone) > 250, zones
-    assert overfull > 25
+    assert min(zones[z] for z in Zone) > 125, zones
+    assert overfull > 12
     assert (interfered > 0) == (floor < 80)
 
 
@@ -343,7 +343,7 @@ def test_few_transmitters_are_read_as_many_are(noise: float) -> None:
     few = Transmitters(many.ids[:6], near.positions, near.rotations, near.strengths)
     antennas = Antennas(sensitivity=(0.9, 0.7, 0.5), noise="off")
     ours, theirs = Receiver(few, antennas, 6), Receiver(many, antennas, 6)
-    p, R = rng.normal(size=(2000, 3)) * 15, Rotation.from_quat(rng.normal(size=(2000, 4)))
+    p, R = rng.normal(size=(1000, 3)) * 15, Rotation.from_quat(rng.normal(size=(1000, 4)))
     differ = 0
     for pose in zip(*ours.pose(p, wxyz(R)), strict=True):
         w = noise * rng.normal(size=(6, 3))

@@ -15,6 +15,7 @@ from arva_hil.cli.main import main
 from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.links.tlog_timeline import Record
 
+DATA = Path(__file__).parents[1] / "data"
 HOUR_US, DAY_US = 3_600_000_000, 86_400_000_000
 BOOT_IDS = {30, 31, 33}
 
@@ -56,11 +57,11 @@ def replay(tmp_path: Path, capfd: pytest.CaptureFixture[str], replayed: dict[byt
 
 
 @pytest.fixture
-def records(flight: Path) -> list[Record]:
+def records(request: pytest.FixtureRequest) -> list[Record]:
     """Of each message at most 5 a second: PX4 has sent 50, and the clocks are the same."""
     newest: dict[bytes, int] = {}
     kept = []
-    with closing(TlogReader(flight)) as log:
+    with closing(TlogReader(DATA / f"{getattr(request, 'param', 'arducopter')}.tlog")) as log:
         for one in log:
             kind = one.raw[7:10] if one.raw[0] == 0xFD else one.raw[5:6]
             if one.time_us - newest.get(kind, 0) >= 195_000:
@@ -91,9 +92,16 @@ def same(found: Replayed, wanted: Replayed) -> None:
 
 
 @pytest.mark.parametrize(
-    "offset_us",
-    [-HOUR_US, 30 * DAY_US, -78_000_000, -5_000_000, 20_000_000],
+    ("records", "offset_us"),
+    [
+        ("px4", -HOUR_US),
+        ("arducopter", 30 * DAY_US),
+        ("arducopter", -78_000_000),
+        ("arducopter", -5_000_000),
+        ("arducopter", 20_000_000),
+    ],
     ids=["an hour back", "30 days on", "78 s back", "5 s back", "20 s on"],
+    indirect=["records"],
 )
 def test_a_clock_that_was_set_in_the_middle_costs_no_frame_and_adds_none(
     records: list[Record], replay: Replay, offset_us: int
@@ -141,6 +149,7 @@ def test_a_pause_that_the_vehicles_clock_confirms_is_one(records: list[Record], 
     assert found.counters["log_clock_steps"] == 0
 
 
+@pytest.mark.parametrize("records", ["px4"], indirect=True)
 def test_a_pause_that_the_logs_clock_denies_is_one_all_the_same(records: list[Record], replay: Replay) -> None:
     """Nothing was recorded for 10 s of the flight, and then the clock is an hour back."""
     middle = records[len(records) // 2].time_us
@@ -157,6 +166,7 @@ def test_times_with_the_low_byte_first(records: list[Record], replay: Replay) ->
     assert "it has little-endian times" in found.said
 
 
+@pytest.mark.parametrize("records", ["arducopter", "px4"], indirect=True)
 def test_packets_without_times(records: list[Record], replay: Replay) -> None:
     found, wanted = replay(b"".join(r.raw for r in records)), replay(encode(records))
     assert "it has no time stamps: times come from the vehicles' boot times" in found.said
