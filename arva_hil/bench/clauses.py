@@ -103,112 +103,6 @@ def _clause(
     return Clause(name, section, text, tuple(made), lines_of(frames), pty)
 
 
-def _whole() -> Clause:
-    typical = _one(7, Channel(3, 2, 85, 0), Channel(1, 1, 1250, -35), Channel(2, 1, 4020, 17), Channel())
-    return _clause("whole", "Four channels, byte by byte", "a whole frame is printed, a line a channel", [typical])
-
-
-def _channels() -> Clause:
-    frames = [_frames(1, n, n)[0] for n in range(1, MAX_CHANNELS + 1)]
-    return _clause("channels", "Binary frame", "a frame has 1…16 channels", frames)
-
-
-def _split() -> Clause:
-    frames = _frames(MAX_FRAME_BYTES // 4, 3)
-    cuts = [encode(frame) for frame in frames]
-    steps = [Step(part, 0.002) for k, raw in enumerate(cuts) for part in (raw[: k + 1], raw[k + 1 :]) if part]
-    return _clause("split", _RULES, "a frame may be cut at every byte", frames, *steps)
-
-
-def _bytewise() -> Clause:
-    frames = _frames(2, 2)
-    steps = [Step(bytes([byte])) for frame in frames for byte in encode(frame)]
-    return _clause("bytewise", _RULES, "a frame may come byte by byte", frames, *steps)
-
-
-def _joined() -> Clause:
-    frames = [frame for n in (1, 4, 16, 2) for frame in _frames(20, n, 20 * n)]
-    return _clause(
-        "joined",
-        _RULES,
-        "many frames may come at once",
-        frames,
-        b"".join(map(encode, frames)),
-    )
-
-
-def _noise() -> Clause:
-    random, frames, data = Random(458), _frames(40, 2), b""
-    for frame in frames:
-        noise = bytes(
-            random.choice((0xA4, 0x57, 0x01, 0x00, random.randrange(256))) for _ in range(random.randrange(1, 40))
-        )
-        data += noise.replace(_SYNC + b"\x01", b"\x00") + b"\x00" + encode(frame)
-    return _clause("noise", _RULES, "bytes between frames cost no frame", frames, data)
-
-
-def _sync_bytes() -> Clause:
-    frames = _frames(3)
-    data = b"\xa4" + encode(frames[0]) + b"\xa4\xa4" + encode(frames[1]) + b"\xa4\x57\xa4\x57\x01" + encode(frames[2])
-    text = "a sync byte before a frame costs no frame"
-    return _clause("sync", _RULES, text, frames, data)
-
-
-def _inside() -> Clause:
-    frames = [_one(164, Channel(164, 1, 0x57A4, 1)), _one(1, Channel(0xA4, 1, 0x0157, 9)), *_frames(1)]
-    return _clause("inside", _RULES, "A4 57 may be inside a frame", frames)
-
-
-def _resync() -> Clause:
-    frames = _frames(6)
-    data = _FALSE_HEAD + b"".join(map(encode, frames)) + bytes(8)
-    text = "a refused candidate costs one byte, not the frames in it"
-    return _clause("resync", _RULES, text, frames, data)
-
-
-def _false_head() -> Clause:
-    frames = _frames(2)
-    text = "a frame behind a false head comes 100 ms later, on a silent line too"
-    first = Step(_FALSE_HEAD + encode(frames[0]), 0.0, 1)
-    return _clause("false-head", _RULES, text, frames, first, encode(frames[1]))
-
-
-def _pause() -> Clause:
-    before, half, after = _frames(3)
-    cut = len(encode(half)) // 2
-    text = "a candidate that is not whole after 100 ms is refused"
-    steps = (
-        Step(encode(before) + encode(half)[:cut], 0.0, 1),
-        Step(b"", 0.4),
-        Step(encode(half)[cut:] + encode(after), 0.0),
-    )
-    return _clause("pause", _RULES, text, [before, after], *steps)
-
-
-def _checksum() -> Clause:
-    good, data = _frames(40, 1), b""
-    for k, frame in enumerate(good):
-        wrong = bytearray(encode(_one(k + 100, Channel(9, 1, 999, 9))))
-        wrong[4 + k % 11] ^= 1 << k % 8  # sequence … CRC; n makes it a false head
-        data += bytes(wrong) + encode(frame)
-    return _clause("checksum", "CRC", "a frame with one wrong bit is refused", good, data)
-
-
-def _checksum_bytes() -> Clause:
-    """Return frames whose CRC has bytes that are easily mistaken: 0, A4, 255."""
-    found: list[Frame] = []
-    wanted = [(at, value) for at in (-1, -2) for value in (0x00, 0xA4, 0xFF, 0x57)]
-    for d in range(1, 5000):
-        frame = _one(len(found), Channel(1, 1, d, 0))
-        raw = encode(frame)
-        if hit := next((one for one in wanted if raw[one[0]] == one[1]), None):
-            wanted.remove(hit)
-            found.append(frame)
-        if not wanted:
-            break
-    return _clause("checksum-bytes", "CRC", "each byte of a CRC may have any value", found)
-
-
 def _candidates(name: str, text: str, wrong: Iterable[bytes]) -> Clause:
     good, data = [], b""
     for k, raw in enumerate(wrong):
@@ -217,64 +111,43 @@ def _candidates(name: str, text: str, wrong: Iterable[bytes]) -> Clause:
     return _clause(name, "Binary frame", text, good, data)
 
 
-def _versions() -> Clause:
-    payload = encode(_one(99, Channel(9, 1, 999, 9)))[4:-2]
-    wrong = (_raw(version, 9, payload) for version in (0, 2, 3, 129, 255))
-    return _candidates("version", "frames of another version are refused", wrong)
+def _of_channels() -> Iterator[Clause]:
+    """Yield the clauses about the channels of a frame."""
+    typical = _one(7, Channel(3, 2, 85, 0), Channel(1, 1, 1250, -35), Channel(2, 1, 4020, 17), Channel())
+    yield _clause("whole", "Four channels, byte by byte", "a whole frame is printed, a line a channel", [typical])
 
+    frames = [_frames(1, n, n)[0] for n in range(1, MAX_CHANNELS + 1)]
+    yield _clause("channels", "Binary frame", "a frame has 1…16 channels", frames)
 
-def _lengths() -> Clause:
-    channel = bytes([9, 1, 231, 3, 9, 0])
-    wrong = [_raw(1, 3, bytes([99, 1, 0])), _raw(1, 8, bytes([99, 1, 1]) + channel[:5])]
-    wrong += [_raw(1, 10, bytes([99, 1, 1]) + channel + b"\0"), _raw(1, 105, bytes([99, 1, 17]) + channel * 17)]
-    return _candidates("length", "a length other than 9, 15 … 99 is refused", wrong)
+    frames = [
+        _one(0, Channel(), Channel(5, 1, 900, 9), Channel(), Channel(6, 2, 200, 0)),
+        _one(1, Channel(7, 1, 901, 8)),
+    ]
+    yield _clause("slots", "Binary frame", "a slot keeps its number, also behind an empty one", frames)
 
+    ids = (0, 1, 127, 128, 164, 254, None)
+    yield _clause(
+        "ids", "Binary frame", "an id is 0…254; 255 is none", [_one(0, *(Channel(i, 1, 700, 7) for i in ids))]
+    )
 
-def _counts() -> Clause:
-    channel = bytes([9, 1, 231, 3, 9, 0])
-    wrong = [_raw(1, 9, bytes([99, 1, n]) + channel) for n in (0, 2, 16, 17, 255)]
-    wrong.append(_raw(1, 15, bytes([99, 1, 1]) + channel * 2))
-    return _candidates("count", "n must agree with the length", wrong)
-
-
-def _messages() -> Clause:
-    frames, data = _frames(9), b""
-    for k, frame in enumerate(frames):
-        data += encode_command(Command(k, "mark", (3 * k,))) + encode(frame)
-    return _clause("messages", "Messages: version 2", "messages between frames are passed over", frames, data)
-
-
-def _sequence() -> Clause:
-    numbers = (5, 6, 9, 250, 255, 0, 1, 200, 0, 1)
-    frames = [_frames(1, 1, number)[0] for number in numbers]
-    return _clause("sequence", "Lost frames", "frames are printed after gaps, at 255 → 0 and after a restart", frames)
-
-
-def _zones() -> Clause:
     channels = [
         Channel(k, zone, 1000, 10, marked)
         for k, (zone, marked) in enumerate((z, m) for z in (1, 2, 0) for m in (False, True))
     ]
-    return _clause(
+    yield _clause(
         "zones", "Binary frame", "bit 7 of the zone is the mark, not the zone", [_one(k, *channels) for k in range(2)]
     )
 
 
-def _unknown() -> Clause:
-    good = encode(_one(3, Channel(4, 1, 500, 5), status=0xC1))
-    strange = _raw(1, 9, bytes([2, 1, 1, 4, 3, 244, 1, 5, 0]))
-    frames = [_one(2, Channel(4, 3, 500, 5)), _one(3, Channel(4, 1, 500, 5))]
-    return _clause("unknown", "Status", "unknown zones and status bits are no fault", frames, strange, good)
+def _of_values() -> Iterator[Clause]:
+    """Yield the clauses about the values of a channel."""
+    channels = [Channel(1, 1, d, 3) for d in (1, 127, 128, 255, 256, 4660, 5000, 32767)]
+    yield _clause("distance", "Binary frame", "d is a little-endian int16 in centimetres", [_one(0, *channels)])
 
+    channels = [Channel(1, 1, 800, delta) for delta in (-1, 0, 1, -89, 89, -45, 17)]
+    text = "δ is signed, positive to the right; −1 is a direction where d > 0"
+    yield _clause("delta", "What a reading means", text, [_one(0, *channels), _one(1, channels[0])])
 
-def _ids() -> Clause:
-    ids = (0, 1, 127, 128, 164, 254, None)
-    return _clause(
-        "ids", "Binary frame", "an id is 0…254; 255 is none", [_one(0, *(Channel(i, 1, 700, 7) for i in ids))]
-    )
-
-
-def _no_signal() -> Clause:
     heard = Channel(1, 1, 1500, 20)
     silent = [
         Channel(),
@@ -288,31 +161,116 @@ def _no_signal() -> Clause:
         for k, channel in enumerate(silent)
         for one in (_one(2 * k, heard, heard), _one(2 * k + 1, channel, channel))
     ]
-    return _clause("no-signal", "No signal", "d ≤ 0: no signal, and no earlier value is kept", frames)
+    yield _clause("no-signal", "No signal", "d ≤ 0: no signal, and no earlier value is kept", frames)
+
+    good = encode(_one(3, Channel(4, 1, 500, 5), status=0xC1))
+    strange = _raw(1, 9, bytes([2, 1, 1, 4, 3, 244, 1, 5, 0]))
+    frames = [_one(2, Channel(4, 3, 500, 5)), _one(3, Channel(4, 1, 500, 5))]
+    yield _clause("unknown", "Status", "unknown zones and status bits are no fault", frames, strange, good)
 
 
-def _delta() -> Clause:
-    channels = [Channel(1, 1, 800, delta) for delta in (-1, 0, 1, -89, 89, -45, 17)]
-    text = "δ is signed, positive to the right; −1 is a direction where d > 0"
-    return _clause("delta", "What a reading means", text, [_one(0, *channels), _one(1, channels[0])])
+def _of_checks() -> Iterator[Clause]:
+    """Yield the clauses about frames that are refused."""
+    good, data = _frames(40, 1), b""
+    for k, frame in enumerate(good):
+        hurt = bytearray(encode(_one(k + 100, Channel(9, 1, 999, 9))))
+        hurt[4 + k % 11] ^= 1 << k % 8  # sequence … CRC; n makes it a false head
+        data += bytes(hurt) + encode(frame)
+    yield _clause("checksum", "CRC", "a frame with one wrong bit is refused", good, data)
+
+    found: list[Frame] = []  # their CRCs have bytes that are easily mistaken: 0, A4, 255
+    wanted = [(at, value) for at in (-1, -2) for value in (0x00, 0xA4, 0xFF, 0x57)]
+    for d in range(1, 5000):
+        frame = _one(len(found), Channel(1, 1, d, 0))
+        raw = encode(frame)
+        if hit := next((one for one in wanted if raw[one[0]] == one[1]), None):
+            wanted.remove(hit)
+            found.append(frame)
+        if not wanted:
+            break
+    yield _clause("checksum-bytes", "CRC", "each byte of a CRC may have any value", found)
+
+    payload = encode(_one(99, Channel(9, 1, 999, 9)))[4:-2]
+    wrong = [_raw(version, 9, payload) for version in (0, 2, 3, 129, 255)]
+    yield _candidates("version", "frames of another version are refused", wrong)
+
+    channel = bytes([9, 1, 231, 3, 9, 0])
+    wrong = [_raw(1, 3, bytes([99, 1, 0])), _raw(1, 8, bytes([99, 1, 1]) + channel[:5])]
+    wrong += [_raw(1, 10, bytes([99, 1, 1]) + channel + b"\0"), _raw(1, 105, bytes([99, 1, 17]) + channel * 17)]
+    yield _candidates("length", "a length other than 9, 15 … 99 is refused", wrong)
+
+    wrong = [_raw(1, 9, bytes([99, 1, n]) + channel) for n in (0, 2, 16, 17, 255)]
+    wrong.append(_raw(1, 15, bytes([99, 1, 1]) + channel * 2))
+    yield _candidates("count", "n must agree with the length", wrong)
+
+    frames, data = _frames(9), b""
+    for k, frame in enumerate(frames):
+        data += encode_command(Command(k, "mark", (3 * k,))) + encode(frame)
+    yield _clause("messages", "Messages: version 2", "messages between frames are passed over", frames, data)
 
 
-def _distance() -> Clause:
-    channels = [Channel(1, 1, d, 3) for d in (1, 127, 128, 255, 256, 4660, 5000, 32767)]
-    return _clause("distance", "Binary frame", "d is a little-endian int16 in centimetres", [_one(0, *channels)])
+def _of_cuts() -> Iterator[Clause]:
+    """Yield the clauses about frames in pieces, and bytes between them."""
+    frames = _frames(MAX_FRAME_BYTES // 4, 3)
+    cuts = [encode(frame) for frame in frames]
+    steps = [Step(part, 0.002) for k, raw in enumerate(cuts) for part in (raw[: k + 1], raw[k + 1 :]) if part]
+    yield _clause("split", _RULES, "a frame may be cut at every byte", frames, *steps)
+
+    frames = _frames(2, 2)
+    steps = [Step(bytes([byte])) for frame in frames for byte in encode(frame)]
+    yield _clause("bytewise", _RULES, "a frame may come byte by byte", frames, *steps)
+
+    frames = [frame for n in (1, 4, 16, 2) for frame in _frames(20, n, 20 * n)]
+    yield _clause("joined", _RULES, "many frames may come at once", frames, b"".join(map(encode, frames)))
+
+    random, frames, data = Random(458), _frames(40, 2), b""
+    for frame in frames:
+        noise = bytes(
+            random.choice((0xA4, 0x57, 0x01, 0x00, random.randrange(256))) for _ in range(random.randrange(1, 40))
+        )
+        data += noise.replace(_SYNC + b"\x01", b"\x00") + b"\x00" + encode(frame)
+    yield _clause("noise", _RULES, "bytes between frames cost no frame", frames, data)
+
+    frames = _frames(3)
+    data = b"\xa4" + encode(frames[0]) + b"\xa4\xa4" + encode(frames[1]) + b"\xa4\x57\xa4\x57\x01" + encode(frames[2])
+    text = "a sync byte before a frame costs no frame"
+    yield _clause("sync", _RULES, text, frames, data)
+
+    frames = [_one(164, Channel(164, 1, 0x57A4, 1)), _one(1, Channel(0xA4, 1, 0x0157, 9)), *_frames(1)]
+    yield _clause("inside", _RULES, "A4 57 may be inside a frame", frames)
 
 
-def _slots() -> Clause:
-    frames = [
-        _one(0, Channel(), Channel(5, 1, 900, 9), Channel(), Channel(6, 2, 200, 0)),
-        _one(1, Channel(7, 1, 901, 8)),
-    ]
-    return _clause("slots", "Binary frame", "a slot keeps its number, also behind an empty one", frames)
+def _of_false_heads() -> Iterator[Clause]:
+    """Yield the clauses about false heads."""
+    frames = _frames(6)
+    data = _FALSE_HEAD + b"".join(map(encode, frames)) + bytes(8)
+    text = "a refused candidate costs one byte, not the frames in it"
+    yield _clause("resync", _RULES, text, frames, data)
+
+    frames = _frames(2)
+    text = "a frame behind a false head comes 100 ms later, on a silent line too"
+    first = Step(_FALSE_HEAD + encode(frames[0]), 0.0, 1)
+    yield _clause("false-head", _RULES, text, frames, first, encode(frames[1]))
+
+    before, half, after = _frames(3)
+    cut = len(encode(half)) // 2
+    text = "a candidate that is not whole after 100 ms is refused"
+    steps = (
+        Step(encode(before) + encode(half)[:cut], 0.0, 1),
+        Step(b"", 0.4),
+        Step(encode(half)[cut:] + encode(after), 0.0),
+    )
+    yield _clause("pause", _RULES, text, [before, after], *steps)
 
 
-def _silence() -> Clause:
+def _of_time() -> Iterator[Clause]:
+    """Yield the clauses about time, gaps and the end."""
+    numbers = (5, 6, 9, 250, 255, 0, 1, 200, 0, 1)
+    frames = [_frames(1, 1, number)[0] for number in numbers]
+    yield _clause("sequence", "Lost frames", "frames are printed after gaps, at 255 → 0 and after a restart", frames)
+
     first, second = _frames(2)
-    return _clause(
+    yield _clause(
         "silence",
         "Timing",
         "frames are printed after a silence",
@@ -321,41 +279,22 @@ def _silence() -> Clause:
         encode(second),
     )
 
-
-def _burst() -> Clause:
     frames = _frames(1098, 16)
-    return _clause("burst", "Timing", "115 kB may come at once", frames, b"".join(map(encode, frames)))
+    yield _clause("burst", "Timing", "115 kB may come at once", frames, b"".join(map(encode, frames)))
 
-
-def _end() -> Clause:
     (frame,) = _frames(1)
     half = encode(_one(1, Channel(2, 1, 400, 4)))[:-1]
-    return _clause(
-        "end",
-        _RULES,
-        "half a frame at the end is none",
-        [frame],
-        encode(frame) + half,
-    )
+    yield _clause("end", _RULES, "half a frame at the end is none", [frame], encode(frame) + half)
 
+    yield _clause("empty", _RULES, "without bytes there is no line", [], b"")
 
-def _empty() -> Clause:
-    return _clause("empty", _RULES, "without bytes there is no line", [], b"")
-
-
-def _unplugged() -> Clause:
     frames = _frames(3)
     last = Step(encode(frames[-1])[:7])
     steps = (*(Step(encode(frame)) for frame in frames[:2]), last)
-    return _clause("unplugged", "Timing", "the program ends when its port is unplugged", frames[:2], *steps, pty=True)
+    yield _clause("unplugged", "Timing", "the program ends when its port is unplugged", frames[:2], *steps, pty=True)
 
 
 def clauses() -> Iterator[Clause]:
     """Make all clauses, in the order of their names in `--list`."""
-    for make in (
-        _whole, _channels, _slots, _ids, _zones, _distance, _delta, _no_signal, _unknown,
-        _checksum, _checksum_bytes, _versions, _lengths, _counts, _messages,
-        _split, _bytewise, _joined, _noise, _sync_bytes, _inside, _resync, _false_head, _pause,
-        _sequence, _silence, _burst, _end, _empty, _unplugged,
-    ):  # fmt: skip
-        yield make()
+    for group in (_of_channels, _of_values, _of_checks, _of_cuts, _of_false_heads, _of_time):
+        yield from group()
