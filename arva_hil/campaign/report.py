@@ -64,7 +64,8 @@ def latex(rows: Sequence[TrialRow], success_m: float) -> str:
 
 
 def _escaped(text: str) -> str:
-    return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("–", "--").replace("<", "$<$")
+    text = re.sub(r"([&%$#_{}])", r"\\\1", text).replace("–", "--").replace("<", "$<$")
+    return text.replace("±", r"$\pm$").replace("σ", r"$\sigma$")
 
 
 def _interval(mean: float, low: float, high: float, *, form: str, unit: str) -> str:

@@ -354,11 +354,22 @@ def differences(rows: Sequence[TrialRow], success_m: float) -> list[Difference]:
             if {strategy, first} <= (mine := {row.strategy: row for row in some}).keys()
         ]
         won = [(a.success(success_m), b.success(success_m)) for a, b in pairs]
-        success = _mean([float(a) - float(b) for a, b in won])
         time_s = _mean([a.time_s - b.time_s for (a, b), both in zip(pairs, won, strict=True) if all(both)])
-        if success:
+        if pairs:
+            success = matched(sum(a and not b for a, b in won), sum(b and not a for a, b in won), len(won))
             found.append(Difference(strategy, first, len(pairs), success, time_s))
     return found
+
+
+def matched(better: int, worse: int, pairs: int) -> tuple[float, float, float]:
+    """Return the difference of two rates on the same trials, and its 95 % interval (A. Agresti and Y. Min, 2005).
+
+    `better`, `worse`: the trials in which only the first succeeds, and only the second.
+    """
+    n = pairs + 2
+    middle = (better - worse) / n
+    half = _Z / n * math.sqrt(better + worse + 1 - (better - worse) ** 2 / n)
+    return (better - worse) / pairs, max(middle - half, -1.0), min(middle + half, 1.0)
 
 
 def _mean(values: list[float]) -> tuple[float, float, float] | None:

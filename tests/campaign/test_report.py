@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from dataclasses import replace
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.campaign import charts, report
-from arva_hil.campaign.results import TrialRow, differences, groups, row, summary, wilson
+from arva_hil.campaign.results import TrialRow, differences, groups, matched, row, summary, wilson
 
 from .fakes import fake, planned
 
@@ -77,12 +77,15 @@ def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
     ]
     (one,) = differences([*flux, *other, replace(ONE, seed=99, strategy="a_b")], 2.0)
     assert (one.strategy, one.other, one.trials) == ("a_b", "flux", 4)
-    half = 1.959963984540054 * np.std([0, 0, 1, 0], ddof=1) / 2
-    assert one.success == pytest.approx((0.25, 0.25 - half, 0.25 + half))
+    half = 1.959963984540054 * math.sqrt(2 - 1 / 6) / 6
+    assert one.success == pytest.approx((0.25, 1 / 6 - half, 1 / 6 + half))
+    assert matched(40, 20, 160) == pytest.approx((0.125, 0.03089632, 0.21601726))  # as R's PropCIs::diffpropci.mp
+    assert matched(0, 0, 3) == pytest.approx((0, -0.392, 0.392), abs=1e-3)  # three pairs alike prove little
     assert one.time_s == pytest.approx((0.5, 0.5 - 1.959963984540054 / 2, 0.5 + 1.959963984540054 / 2))
     table = report.latex([*flux, *other], 2.0)
     assert r"a\_b & 4 & 3 & 75.0 \% & 30.1--95.4 \% &" in table
-    assert "a_b against flux on 4 trials: success +25.0 points, 95 % from -24.0 to +74.0" in table
+    assert "a_b against flux on 4 trials: success +25.0 points, 95 % from -27.6 to +60.9" in table
+    assert table.isascii()
 
 
 @pytest.fixture(scope="module")
