@@ -6,17 +6,43 @@ import math
 import random
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
+from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.campaign import trial
 from arva_hil.campaign.plan import draw
+from arva_hil.cli.search_report import as_dict, result
+from arva_hil.clock import StepClock
+from arva_hil.config import parse
 from arva_hil.config.campaign import Random
+from arva_hil.events import Event
+from arva_hil.events.searches import FromSearch, SearchPaused, TransmitterMoves
+from arva_hil.events.words.reasons import in_words
+from arva_hil.links import Link, memory
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.registry import STRATEGIES
+from arva_hil.runtime.loop import run
+from arva_hil.search.mission.accuracy import Accuracy, PositionAccuracy
+from arva_hil.search.strategies import dipole, estimate
+from arva_hil.search.strategies.agreement import Evidence, beginning
+from arva_hil.search.strategies.circle import RADIUS_M, Circle
+from arva_hil.search.strategies.dipole import Array
+from arva_hil.search.strategies.drift import DriftFit, fitted, fitted_again
 from arva_hil.search.strategies.estimate import Estimate
-from arva_hil.search.strategies.strategy import Observation
+from arva_hil.search.strategies.extremum import Extremum
+from arva_hil.search.strategies.flux import Flux
+from arva_hil.search.strategies.history import NOTHING, Cause, Explanation
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Strategy
+from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
+from firmware_proto import Decoder, encode
+from tests.every import every
 from tests.search.world import PAPER, buried, fly
 
 
@@ -172,3 +198,471 @@ def test_blanks_and_outliers_are_survived() -> None:
 
     transmitter, start = buried(0)
     assert fly(Deaf(1.0), transmitter, start=start, seed=0).error_m < 1
+
+
+# -- A drift of the places reported is followed, here by readings made by hand ----------------------------
+
+
+PLACE, MOMENT = np.array([0.0, 0.0, 1.0]), dipole.MOMENT * np.array([0.6, 0.8, 0.0])
+EVERY_S, SMOOTH_S = 2.0, 5.0
+
+
+def walk(seed: int, sigma_m: float, count: int) -> NDArray[np.float64]:
+    """A slow random drift (count, 3): a Gauss-Markov process of 30 s, smoothed."""
+    rng, kept, smooth = np.random.default_rng(seed), math.exp(-EVERY_S / 30), math.exp(-EVERY_S / SMOOTH_S)
+    raw = drift = sigma_m * rng.standard_normal(3)
+    every = []
+    for _ in range(count):
+        raw = kept * raw + math.sqrt(1 - kept**2) * sigma_m * rng.standard_normal(3)
+        drift = smooth * drift + (1 - smooth) * raw
+        every.append(drift)
+    return np.array(every)
+
+
+def heard(at: NDArray[np.float64]) -> tuple[float, float]:
+    """d [m] and δ [rad] of a level receiver that looks north, rounded as the receiver shows them."""
+    r = at - PLACE
+    n = r / np.linalg.norm(r)
+    h = (3 * (MOMENT @ n) * n - MOMENT) / np.linalg.norm(r) ** 3
+    return round(math.hypot(h[0], h[1]) ** (-1 / 3), 2), round(math.atan2(h[1], h[0]), 2)
+
+
+@pytest.mark.parametrize("seed", [0, 4, 13, 14])
+def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
+    """The field is the same on both sides of a transmitter: a fit that begins anew finds the other side at times."""
+    readings, drift = dipole.DipoleReadings(), walk(seed, 2.0, 50)
+    x, fits, off = np.array([[*PLACE, *MOMENT, 0.0]]), list[DriftFit](), list[float]()
+    for k, error in enumerate(drift):
+        at = np.array([1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k), -3.0])
+        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+        if k >= 8 and k % 2 == 0:
+            fits = fitted_again(x, fits, readings, 1.0)
+            x = np.array([fit.x for fit in fits])
+            off.append(math.dist(fits[0].now[:2], (PLACE + error)[:2]))
+    assert max(off) < 1.5
+
+
+def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:
+    readings, drift = dipole.DipoleReadings(), walk(3, 0.5, 20)
+    for k, error in enumerate(drift):
+        at = np.array([4 * math.cos(0.5 * k), 4 * math.sin(0.5 * k), -3.0])
+        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+    x = np.array([[*(PLACE + off), *MOMENT, 0.0] for off in ((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), (-3.0, 1.0, 0.0))])
+    together = fitted(x, readings, 0.1, 1.0, 6)
+    for begin, one in zip(x, together, strict=True):
+        (alone,) = fitted(begin[None], readings, 0.1, 1.0, 6)
+        assert all(np.array_equal(a, b) for a, b in zip(one, alone, strict=True))
+    nearer = fitted(x, readings, 0.1, 1.0, 3, together[:2])
+    (alone,) = fitted(x[1:2], readings, 0.1, 1.0, 3, together[1:2])
+    assert all(np.array_equal(a, b) for a, b in zip(nearer[1], alone, strict=True))
+
+
+# -- The uncertainty of a position on Earth has the accuracy of the autopilot's own position in it --------
+
+
+FLOOR_M = 2.1  # without corrections
+
+
+def gps(h_acc_mm: int = 0, eph: int = 100, fix: int = dialect.GPS_FIX_TYPE_3D_FIX) -> Any:
+    return dialect.MAVLink_gps_raw_int_message(0, fix, 0, 0, 0, eph, 150, 0, 0, 10, h_acc=h_acc_mm)
+
+
+def estimator(metres: float) -> Any:
+    return dialect.MAVLink_estimator_status_message(0, 0, 0, 0, 0, 0, 0, 0, metres, 1.0)
+
+
+def after(*messages: Any) -> Accuracy:
+    accuracy, data = PositionAccuracy(Session()), b"".join(map(Encoder(1, 1).pack, messages))
+    accuracy.on_packets(Received(own=list(Parser().feed(data))))
+    return accuracy.worst
+
+
+@pytest.mark.parametrize(
+    ("messages", "sigma_m", "reported"),
+    [
+        ([], FLOOR_M, False),
+        ([gps()], FLOOR_M, False),  # 0 is unknown, and not perfect
+        ([gps(eph=0)], FLOOR_M, False),
+        ([gps(eph=0xFFFF)], FLOOR_M, False),
+        ([gps(eph=300)], 3 * FLOOR_M, False),
+        ([gps(h_acc_mm=400)], FLOOR_M, True),  # a slow drift is not in it
+        ([gps(h_acc_mm=5000)], 5.0, True),
+        ([gps(h_acc_mm=20, fix=dialect.GPS_FIX_TYPE_RTK_FIXED)], 0.02, True),
+        ([gps(fix=dialect.GPS_FIX_TYPE_RTK_FIXED)], FLOOR_M, False),
+        ([gps(), estimator(4.0)], 4.0, True),
+        ([gps(), estimator(0.1)], FLOOR_M, True),
+        ([estimator(0.0)], FLOOR_M, False),
+        ([estimator(math.nan), estimator(math.inf), estimator(-1.0)], FLOOR_M, False),
+    ],
+)
+def test_accuracy_is_what_the_autopilot_reports_and_no_better_than_the_floor(
+    messages: list[Any], sigma_m: float, reported: bool
+) -> None:
+    assert after(*messages) == (pytest.approx(sigma_m), reported)
+
+
+def test_the_covariance_on_earth_has_both() -> None:
+    place = Found(1.0, 2.0, covariance=(0.25, 0.1, 0.04))
+    assert Accuracy(2.0).on_earth(place) == pytest.approx((4.25, 0.1, 4.04))
+    assert Accuracy(2.0).on_earth(Found(1.0, 2.0)) is None
+
+
+def test_the_covariance_relative_to_the_drone_has_only_what_changes_near_the_place() -> None:
+    place = Found(1.0, 2.0, covariance=(4.0, 0.0, 4.0), now=(1.5, 2.0), now_covariance=(0.25, 0.1, 0.04))
+    nn, ne, ee = Accuracy(2.1).relative(place) or (0.0, 0.0, 0.0)
+    assert (0.25 < nn < 0.3, 0.04 < ee < 0.09, ne) == (True, True, 0.1)
+    assert Accuracy(0.01).relative(place) == pytest.approx((0.25, 0.1, 0.04), abs=1e-5)
+
+
+# -- The circle about a place -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (1.5, 0.0), (-3.0, 2.0)])
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+def test_it_leads_round_the_place_at_the_speed_asked_for(start: tuple[float, float], speed: float) -> None:
+    centre = (10.0, -5.0)
+    north, east = centre[0] + start[0], centre[1] + start[1]
+    circle, bearings, flown_s = Circle(centre, (north, east, -3.0)), set(), 0.0
+    while not circle.done and flown_s < 60:
+        circle.observe(centre)
+        v_north, v_east = circle.velocity((north, east, -3.0), speed)
+        assert math.hypot(v_north, v_east) <= min(speed, 0.8 * RADIUS_M) + 1e-9
+        north, east, flown_s = north + 0.2 * v_north, east + 0.2 * v_east, flown_s + 0.2
+        if math.dist((north, east), centre) > 0.7 * RADIUS_M:
+            bearings.add(round(math.degrees(math.atan2(east - centre[1], north - centre[0])) / 60) % 6)
+        assert math.dist((north, east), centre) < RADIUS_M + max(math.hypot(*start), 0.5)
+    assert circle.done
+    assert len(bearings) >= 5
+
+
+# -- A drift that is believed with a place far off does not keep the search from the place ----------------
+
+
+DRIFT, LITTLE = Cause(drift_m=1.0), Cause(drift_m=0.3)
+TRUE, FAR = (np.array([[*place, *MOMENT, 0.0]]) for place in (PLACE, PLACE + np.array([0.0, 70.0, 0.0])))
+
+
+class Astray(Evidence):
+    """At first a drift with a place far off is likely, as by a few weak readings. Later a smaller drift is a little
+    more likely, but not so much that it is believed."""
+
+    def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
+        if cause == NOTHING:
+            nothing = self._fitted(x, NOTHING)
+            far = nothing.best._replace(x=FAR[0], drift=np.zeros((3, len(nothing.readings.time_s))))
+            return [nothing, Explanation(DRIFT, nothing.readings, FAR, 0.1, far, nothing.cost - 100, np.zeros(1))]
+        believed, smaller = self._fitted(TRUE, cause), self._fitted(TRUE, LITTLE)
+        return [believed, smaller._replace(cost=believed.cost - 1)]
+
+
+def test_the_best_place_by_the_drift_believed_is_used_though_another_drift_is_a_little_likelier(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(estimate, "Evidence", Astray)
+    search = Estimate(1.0)
+    for k in range(100):
+        at = np.array([0.5 * k - 25, 20.0, -3.0])  # past it, on the side of the place far off
+        d_m, delta = heard(at)
+        o = Observation(1.5 * k, tuple(at.tolist()), np.eye(3), round(100 * d_m), round(math.degrees(delta)), False)
+        search.observe(o)
+    assert search.belief.goal is not None
+    assert math.dist(search.belief.goal, PLACE[:2]) < 1.0
+
+
+# Electronics near the receiver drown what is far off; the search knows then which readings say something
+
+
+LOUD = 35.0**-3  # sigma of each antenna, of the reference transmitter's field at 1 m
+
+
+def listened(loud: float, seed: int, last: int) -> Evidence:
+    """A level receiver that looks north, on its way from 60 m to 6 m from the transmitter, and round it from 61 on."""
+    evidence, rng = Evidence(), np.random.default_rng(seed)
+    for k in range(last):
+        at = np.array([60.0 - 0.9 * k, 8 * math.sin(k / 6), -3.0])
+        if k > 60:
+            at[:2] = 4 * math.cos(0.3 * k), 4 * math.sin(0.3 * k)
+        r = at - PLACE
+        n = r / np.linalg.norm(r)
+        h = (3 * (MOMENT @ n) * n - MOMENT)[:2] / np.linalg.norm(r) ** 3 + loud * rng.standard_normal(2)
+        d_cm, delta_deg = round(100 * math.hypot(*h) ** (-1 / 3)), round(math.degrees(math.atan2(h[1], h[0])))
+        north, east, down = at.tolist()
+        evidence.add(Observation(1.0 * k, (north, east, down), np.eye(3), d_cm, delta_deg, False))
+    return evidence
+
+
+def best(evidence: Evidence) -> Explanation:
+    """From far off the place."""
+    return min(evidence.explanations(beginning((30.0, 30.0), evidence)), key=lambda one: one.cost)
+
+
+def test_readings_that_are_mostly_noise_do_not_hide_the_place() -> None:
+    north, east = best(listened(LOUD, 0, 61)).x[0, :2]
+    assert math.dist((north, east), PLACE[:2]) < 2.0
+
+
+def test_a_receiver_that_hears_well_is_not_thought_deaf() -> None:
+    assert best(listened(0.0, 0, 61)).cause == NOTHING
+
+
+def test_a_place_agrees_though_what_was_heard_far_from_it_was_noise() -> None:
+    judgement = listened(LOUD, 2, 90).judge((0.0, 0.0))
+    assert judgement is not None
+    assert judgement.agrees(3.0)
+
+
+# A search in doubt ends in bounded time after it first came above a place, whatever it goes through
+
+
+NEAR = PAPER[1]  # 10 m away: the vehicle is above it within 30 s
+ENDS_S = 30 + 240 + 10
+
+
+class Wavering(Evidence):
+    """Of two causes, always the other one is far more likely."""
+
+    causes = (NOTHING, Cause(lag_s=0.5))
+
+    def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
+        believed = self._fitted(x, cause)
+        (other,) = (self._fitted(x, one) for one in self.causes if one != cause)
+        gap = 100 + max(other.cost - believed.cost, 0.0)
+        return [believed._replace(cost=believed.cost + gap, costs=believed.costs + gap), other]
+
+
+class Confused(Estimate):
+    """Once it circles about the place it is told nonsense."""
+
+    def __init__(self, speed: float) -> None:
+        super().__init__(speed)
+        self._rng = np.random.default_rng(3)
+        self.circles = False
+
+    def observe(self, observation: Observation) -> None:
+        place = self.belief.goal
+        known = self.belief.covariance is not None and max(self.belief.covariance) < 0.05
+        if known and place is not None and math.dist(place, observation.position[:2]) < 1.7:
+            self.circles = True
+        if self.circles:
+            d_cm, delta_deg = int(self._rng.integers(400, 3000)), int(self._rng.integers(-89, 90))
+            observation = observation._replace(d_cm=d_cm, delta_deg=delta_deg, inner=False)
+        super().observe(observation)
+
+
+def test_though_its_cause_changes_whenever_it_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimate, "Evidence", Wavering)
+    flight = fly(Estimate(1.0), NEAR, rate_hz=0.2, limit_s=400)
+    assert flight.found is not None
+    assert flight.time_s < ENDS_S
+    assert flight.error_m < 1
+
+
+def test_though_it_never_comes_above_a_place_again() -> None:
+    strategy = Confused(1.0)
+    flight = fly(strategy, NEAR, rate_hz=0.2, limit_s=400)
+    assert strategy.circles
+    assert flight.found is not None
+    assert flight.time_s < ENDS_S
+
+
+# What was read before the transmitter moved, and while an antenna was dead, does not spoil the place that is told
+
+
+MOVED_S = 40
+
+
+def circled(away: tuple[float, float], gain_y: float) -> Evidence:
+    """A level receiver that looks north, on its way from 25 m, and round the place from second 26 on. Until it moves,
+    the transmitter is `away` (north, east) from there, and the receiver's antenna y has `gain_y`.
+    """
+    evidence = Evidence()
+    for k in range(100):
+        at = np.array([25.0 - k, 3 * math.sin(k / 6), -3.0])
+        if k > 25:
+            at[:2] = 1.5 * math.cos(0.6 * k), 1.5 * math.sin(0.6 * k)
+        r = at - PLACE - (np.array([*away, 0.0]) if k < MOVED_S else 0.0)
+        n = r / np.linalg.norm(r)
+        h = (3 * (MOMENT @ n) * n - MOMENT)[:2] / np.linalg.norm(r) ** 3
+        h[1] *= gain_y if k < MOVED_S else 1.0
+        d_cm, delta_deg = round(100 * math.hypot(*h) ** (-1 / 3)), round(math.degrees(math.atan2(h[1], h[0])))
+        north, east, down = at.tolist()
+        evidence.add(Observation(1.0 * k, (north, east, down), np.eye(3), d_cm, delta_deg, False))
+    return evidence
+
+
+def test_readings_from_before_it_moved_and_of_an_antenna_that_hears_again_are_left_out() -> None:
+    judgement = circled((7.6, -1.2), 0.0).judge((0.0, 0.0))
+    assert judgement is not None
+    assert judgement.agrees(3.0)
+    assert math.dist(judgement.there.x[0, :2], PLACE[:2]) < 0.1
+
+
+def test_where_nothing_has_changed_all_readings_are_used() -> None:
+    judgement = circled((0.0, 0.0), 1.0).judge((0.0, 0.0))
+    assert judgement is not None
+    assert judgement.there.cause == NOTHING
+
+
+# -- A receiver that is not turned as its vehicle reports, by a compass or a mount that is off ------------
+
+
+class Turned(Estimate):
+    """Gets δ as a receiver reads it that is turned by `degrees`."""
+
+    degrees = 0
+
+    def observe(self, observation: Observation) -> None:
+        delta = (observation.delta_deg - self.degrees + 90) % 180 - 90
+        super().observe(observation._replace(delta_deg=delta))
+
+
+@pytest.mark.parametrize(("degrees", "seed"), [(0, 1), (10, 0), (-12, 1)])
+def test_the_place_is_right_and_a_large_angle_is_reported(degrees: int, seed: int) -> None:
+    strategy = Turned(1.0)
+    strategy.degrees = degrees
+    transmitter, start = buried(seed)
+    found = fly(strategy, transmitter, start=start, height_m=3.0, seed=seed).found
+    assert found is not None
+    assert math.hypot(found.north, found.east) < 0.3
+    assert found.turned_deg == (pytest.approx(degrees, abs=3) if degrees else None)
+
+
+# A slow and a fast receiver: a search finds with either, and hovers only where frames are too far apart
+
+
+class Paused:
+    """An observer that counts how often the search hovered without frames."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def observe(self, event: Event) -> None:
+        self.count += isinstance(event, FromSearch) and isinstance(event.event, SearchPaused)
+
+
+def doubled(link: Link) -> Link:
+    """Send each frame twice, with sequence numbers of a receiver that is twice as fast."""
+    decoder, write = Decoder(), link.write
+
+    def twice(data: bytes) -> bool:
+        for frame in decoder.feed(data, 0.0):
+            number = 2 * frame.sequence
+            for one in (number, number + 1):
+                write(encode(frame._replace(sequence=one % 256)))
+        return True
+
+    link.write = twice  # type: ignore[method-assign]
+    return link
+
+
+@pytest.mark.parametrize(("rate_hz", "pauses"), [(0.2, True), (100.0, False)])
+def test_a_transmitter_is_found_with_a_receiver_of_any_rate(rate_hz: float, pauses: bool) -> None:
+    scenario = parse(
+        f"spec: 1\ntransmitters: [{{id: 1, enu: [6, 8, -1]}}]\nreceiver: {{rate_hz: {min(rate_hz, 50.0)}}}", "field"
+    )
+    taken, given = memory.pair()
+    wires = in_memory()._replace(port=(taken, doubled(given) if rate_hz > 50.0 else given))
+    plan, paused, clock = SearchPlan(STRATEGIES["estimate"], area=(-30.0, -30.0, 30.0, 30.0)), Paused(), StepClock()
+    loop = ClosedLoop(scenario, plan, start=0.0, wires=[wires], stream_hz=10.0, observers=[paused])
+    run(loop.tasks, clock, until=400.0, stopped=lambda: loop.drones[0].search.outcome is not None)
+    outcome, error_m = loop.drones[0].search.outcome, loop.drones[0].error()
+    assert outcome is not None
+    assert (outcome.kind, in_words(outcome.how)) == ("found", "found")
+    assert error_m is not None
+    assert error_m < 0.5
+    assert (paused.count > 0) == pauses
+    assert outcome.frames >= 0.8 * rate_hz * outcome.time_s
+
+
+# A transmitter that moves, as that of a rescuer, is said to move and put aside; the buried one is found
+
+
+WORLD = """spec: 2
+transmitters:
+  - {id: 1, enu: [-24, -18, -1]}
+  - id: 2
+    path:
+      frame: enu
+      end: loop
+      points: [[0, 8, 4, 1], [30, 10, 30, 1], [65, -24, 25, 1], [100, 5, 5, 1], [150, 30, 30, 1]]
+"""
+
+
+def test_the_one_who_walks_is_put_aside_and_the_buried_one_is_found() -> None:
+    told, clock = list[Event](), StepClock()
+    plan = SearchPlan(STRATEGIES["estimate"], limit_s=300.0)
+    loop = ClosedLoop(
+        parse(WORLD, "world"), plan, start=clock.now(), stream_hz=10.0, emit=lambda _, event: told.append(event)
+    )
+    (drone,) = loop.drones
+    run(loop.tasks, clock, until=500.0, stopped=lambda: drone.search.outcome is not None)
+    outcome = drone.search.outcome
+    assert outcome is not None
+    assert (outcome.kind, outcome.id) == ("found", 1)
+    assert outcome.found is not None
+    assert math.dist(outcome.found[:2], (-18, -24)) < 0.5
+    (moves,) = (event for event in told if isinstance(event, TransmitterMoves))
+    assert moves.transmitter == 2
+    assert 0.2 < moves.speed_m_s < 3.0
+    assert [one["id"] for one in as_dict(outcome)["moving"]] == [2]
+    assert len(as_dict(outcome)["moving"][0]["track"]) > 4
+    assert any(line.startswith("transmitter 2 moves, at about ") for line in result(outcome))
+
+
+def test_a_transmitter_that_stands_still_has_no_track_though_places_drift() -> None:
+    strategy = Estimate(1.0)
+    for k in range(120):
+        at = np.array([15 * math.cos(0.1 * k), 15 * math.sin(0.1 * k), -3.0])
+        d_m, delta = heard(at)
+        drift = 2.0 * np.array([math.sin(0.02 * k), math.cos(0.03 * k), 0.0])
+        place = tuple((at + drift).tolist())
+        strategy.observe(Observation(1.5 * k, place, np.eye(3), round(100 * d_m), round(math.degrees(delta)), False))
+        assert strategy.track == ()
+
+
+# -- Every strategy in closed loop with the project's receiver --------------------------------------------
+
+
+ALL = [Estimate, Extremum, Flux]
+Maker = type[Estimate] | type[Extremum] | type[Flux]
+
+
+@pytest.mark.parametrize(("seed", "transmitter"), [*enumerate(PAPER)])
+@pytest.mark.parametrize(("make", "within_m", "within_s"), [(Estimate, 0.3, 45), (Extremum, 1, 250), (Flux, 1, 200)])
+def test_the_cases_of_the_paper(make: Maker, within_m: float, within_s: float, seed: int, transmitter: str) -> None:
+    flight = fly(make(1.0), transmitter, height_m=1 + 0.2 * seed, yaw=2.0 * seed, seed=seed)
+    assert flight.error_m < within_m
+    assert flight.fastest <= 1.0 + 1e-9
+    assert flight.time_s < within_s
+
+
+@pytest.mark.parametrize(
+    ("transmitter", "rate_hz"), [(PAPER[0], 0.5), (PAPER[1], 5), (PAPER[2], 0.5), (PAPER[3], 5), (PAPER[3], 50)]
+)
+@pytest.mark.parametrize("make", [Extremum, Flux])
+def test_with_a_position_that_is_not_known_well_and_at_any_rate(make: Maker, transmitter: str, rate_hz: float) -> None:
+    assert fly(make(1.0), transmitter, gps_m=0.3, rate_hz=rate_hz, seed=1).error_m < 2
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("make", "speed", "within_m"), [(Extremum, 2.0, 2), (Flux, 3.0, 1.5)])
+def test_however_it_lies_buried(make: Maker, speed: float, within_m: float, seed: int) -> None:
+    transmitter, start = buried(seed)
+    flight = fly(make(speed), transmitter, start=start, seed=seed)
+    assert flight.error_m < within_m
+    assert flight.fastest <= speed + 1e-9
+
+
+@pytest.mark.parametrize("make", ALL)
+def test_the_same_flight_again(make: Maker) -> None:
+    a, b = (fly(make(1.0), PAPER[3], gps_m=0.3, seed=7) for _ in range(2))
+    assert (a.found, a.time_s) == (b.found, b.time_s)
+
+
+@every("silent_s", [0.0, 60.0])
+@every("make", ALL)
+def test_before_the_first_signal_it_stays(make: Maker, silent_s: float) -> None:
+    seeker: Strategy = make(1.0)
+    for time_s in (0.0, silent_s):
+        seeker.observe(Observation(time_s, (0.0, 0.0, -1.0), np.eye(3), -1, -1, False))
+    assert seeker.velocity(silent_s + 0.5, (0.0, 0.0, -1.0)) == STILL
