@@ -26,13 +26,6 @@ class Unit(NamedTuple):
     port: Port
 
 
-class Made(NamedTuple):
-    """The results of a vehicle at one time."""
-
-    parcels: Sequence[tuple[Port, Parcel]]
-    events: Sequence[Event]
-
-
 class EmulatedVehicle:
     """Remembers one vehicle's session, world and receivers. `next_due`: the time of the next work.
 
@@ -70,7 +63,9 @@ class EmulatedVehicle:
                 port.commands.receive(data, now)
                 self.next_due = now
 
-    def make_frames(self, now: float, look_ahead_s: float, *, final: bool = False) -> Made:
+    def make_frames(
+        self, now: float, look_ahead_s: float, *, final: bool = False
+    ) -> tuple[Sequence[tuple[Port, Parcel]], Sequence[Event]]:
         """Make the frames of the instants until `now` whose poses are known, and send delayed frames that are due.
 
         `look_ahead_s`: a frame waits at most this long for its pose, 0 for a live run; `final`: it waits no longer.
@@ -94,7 +89,7 @@ class EmulatedVehicle:
             waited, received = port.release(now, receiver.schedule.deadline)
             parcels += zip(repeat(port), [*sent, *waited])
             events += received
-        return Made(parcels, events)
+        return parcels, events
 
     def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
         """Return the messages to the autopilot to send now, and the events. Sets `next_due`."""

@@ -15,7 +15,7 @@ from arva_hil.emulator.setup import (
     sink_name,
     vehicle_setups,
 )
-from arva_hil.links import Address, AddressError, parse
+from arva_hil.links import Address, AddressError
 from arva_hil.links.url import excludes, place
 from arva_hil.mavlink.packet_reader import PacketReader
 
@@ -110,18 +110,17 @@ def check_links(source: str, ports: Mapping[str, str], autopilots: Mapping[str, 
     """
     taken = {}
     for name, address in autopilots.items():
-        if parse_or_fail(source, name, address).kind == "stdout":
+        if (where := _place(source, name, address)).kind == "stdout":
             raise ValueError(
                 f"{source}: {name}: its autopilot is stdout, which cannot be read: name the autopilot's link"
             )
-        taken[_place(source, name, address)] = f"the autopilot of {name}"
+        taken[where] = f"the autopilot of {name}"
     for name, address in ports.items():
-        kind = parse_or_fail(source, name, address).kind
-        if kind == "tlog":
-            raise ValueError(f"{source}: {name}: its port {address} is a log: frames cannot be sent there")
-        if kind == "stdout" and json:
-            raise ValueError(f"{source}: {name}: --json and its port - both go to stdout: choose one")
         where = _place(source, name, address)
+        if where.kind == "tlog":
+            raise ValueError(f"{source}: {name}: its port {address} is a log: frames cannot be sent there")
+        if where.kind == "stdout" and json:
+            raise ValueError(f"{source}: {name}: --json and its port - both go to stdout: choose one")
         if where != Address("pty") and where in taken:
             raise ValueError(f"{source}: {name}: its port {address} is also {taken[where]}: each needs its own")
         taken[where] = f"the port of {name}"
@@ -134,13 +133,8 @@ def check_links(source: str, ports: Mapping[str, str], autopilots: Mapping[str, 
 
 
 def _place(source: str, name: str, address: str) -> Address:
-    parse_or_fail(source, name, address)
-    return place(address)
-
-
-def parse_or_fail(source: str, name: str, address: str) -> Address:
-    """Parse an address of a vehicle or receiver. Raises ValueError."""
+    """Return the place of a vehicle's or a receiver's link: see `place`. Raises ValueError."""
     try:
-        return parse(address)
+        return place(address)
     except AddressError as error:
         raise ValueError(f"{source}: {name}: {error}") from None

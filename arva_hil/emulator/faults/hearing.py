@@ -50,35 +50,48 @@ _SIGNAL: Final = Number(0, 1e9, "nA/m", above=True, unit="nA/m")
 _DECIBELS: Final = Number(0, 60, "decibels", above=True, unit="dB")
 
 
-def _impaired(look: Look, more: Impairment) -> Look:
-    return replace(look, impairment=look.impairment.also(more) if look.impairment else more)
+def _impaired(made: Callable[[float], Impairment]) -> Callable[[Look, Switch], Look]:
+    """Return a strike that adds an impairment, made of the fault's value."""
+
+    def strike(look: Look, switch: Switch) -> Look:
+        more = made(switch.fault.value)
+        return replace(look, impairment=look.impairment.also(more) if look.impairment else more)
+
+    return strike
 
 
-def _antenna(axis: int, look: Look, switch: Switch) -> Look:
-    x, y, z = (switch.fault.value if axis == one else 1.0 for one in range(3))
-    return _impaired(look, Impairment(gains=(x, y, z)))
-
-
-def _cold(look: Look, switch: Switch) -> Look:
-    gain = 10 ** (-switch.fault.value / 20)
-    return _impaired(look, Impairment(gains=(gain, gain, gain)))
-
-
-def _saturated(look: Look, switch: Switch) -> Look:
-    return _impaired(look, Impairment(saturation_na_m=switch.fault.value))
-
-
-def _electronics(look: Look, switch: Switch) -> Look:
-    return _impaired(look, Impairment(noise_na_m=switch.fault.value))
+def _antenna(axis: int, gain: float) -> Impairment:
+    x, y, z = (gain if axis == one else 1.0 for one in range(3))
+    return Impairment(gains=(x, y, z))
 
 
 ANTENNA_X, ANTENNA_Y, ANTENNA_Z = (
-    FaultKind("heard", _GAIN, f"the antenna {name} has this gain: 0 dead, below 1 detuned", partial(_antenna, axis))
+    FaultKind(
+        "heard",
+        _GAIN,
+        f"the antenna {name} has this gain: 0 dead, below 1 detuned",
+        _impaired(partial(_antenna, axis)),
+    )
     for axis, name in enumerate("xyz")
 )
-COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: the gain of all antennas", _cold)
-SATURATION: Final = FaultKind("heard", _SIGNAL, "upper limit of each antenna, as next to a transmitter", _saturated)
-ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "standard deviation of the noise of something beside it", _electronics)
+COLD: Final = FaultKind(
+    "heard",
+    _DECIBELS,
+    "a cold battery: the gain of all antennas",
+    _impaired(lambda decibels: Impairment(gains=(10 ** (-decibels / 20),) * 3)),
+)
+SATURATION: Final = FaultKind(
+    "heard",
+    _SIGNAL,
+    "upper limit of each antenna, as next to a transmitter",
+    _impaired(lambda na_m: Impairment(saturation_na_m=na_m)),
+)
+ELECTRONICS: Final = FaultKind(
+    "heard",
+    _SIGNAL,
+    "standard deviation of the noise of something beside it",
+    _impaired(lambda na_m: Impairment(noise_na_m=na_m)),
+)
 
 _LIMIT_RANGE_M: Final = (
     Antennas().floor_range_m
