@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum, auto
 from functools import partial
 from typing import Any, Final
@@ -64,15 +65,21 @@ _LIMITS: Final = {  # limit of a phase: s, and s per metre
 }
 
 
+_STILL: Final = (0.0, 0.0, 0.0)
 EVERY_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
 _LONG_S: Final = 0.8  # PX4's COM_OF_LOSS_T is 1 s
 _OF_LATE_S: Final = 5.0
 
 
-class SetpointPace:
-    """Remembers the last set-point and the longest recent gap. Times are seconds on the caller's clock."""
+class SetPoints:
+    """Remembers the velocity and the heading to order, the last set-point and the longest recent gap.
+
+    `velocity`: NED [m/s]; `yaw` [rad]. Times are seconds on the caller's clock.
+    """
 
     def __init__(self) -> None:
+        self.velocity = _STILL
+        self.yaw = 0.0
         self._last = self._next = -math.inf
         self._longest = (0.0, -math.inf)  # the gap [s], and when it ended
 
@@ -102,6 +109,20 @@ _STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
 RISEN_M: Final = 0.5  # more than the drift of an altitude: it has taken off
 
 
+@dataclass
+class PhaseTimes:
+    """The times of one phase: seconds on the caller's clock."""
+
+    since: float = 0.0
+    """Its start."""
+    limit_s: float = math.inf
+    """Its longest duration."""
+    next_order: float = -math.inf
+    """The time of its next order."""
+    ordered_s: float = math.inf
+    """The time at which its first order was sent."""
+
+
 class FlightState:
     """Remembers the phase of a flight, its start, and the vehicle's reports in it.
 
@@ -121,14 +142,10 @@ class FlightState:
         self._session = session
         self._take_off_m = take_off_m
         self._modes = ARDUCOPTER  # until the launch
-        self._yaw = 0.0
         self._taken: float | None = None  # seconds without set-points before another mode was reported
         self._borrowing = False  # still in the mode of the take-over: it does not follow set-points yet
-        self._since = 0.0  # of this phase
-        self._limit_s = math.inf  # of this phase
-        self._next_order = -math.inf
-        self._ordered_s = math.inf  # when the first order of this phase was sent
-        self._pace = SetpointPace()  # of the set-points
+        self._times = PhaseTimes()
+        self._set_points = SetPoints()
         self._complaints = Complaints()
         self._emit = emit
         session.streams.want(MODE_WANTED | STICKS_WANTED | BATTERY_WANTED)
@@ -169,10 +186,9 @@ class FlightState:
 
     def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:
         metres = self._take_off_m if phase is Phase.CLIMBING else self.height
-        self.phase, self._since = phase, now
         fixed_s, each_metre_s = _LIMITS[phase]
-        self._limit_s = fixed_s + each_metre_s * max(metres, 0.0) if limit_s is None else limit_s
-        self._next_order, self._ordered_s = -math.inf, math.inf
+        self.phase = phase
+        self._times = PhaseTimes(now, fixed_s + each_metre_s * max(metres, 0.0) if limit_s is None else limit_s)
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
         self.authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 
@@ -198,7 +214,7 @@ class FlightState:
         """Keep the present heading. Returns False if it is not known."""
         state = self._session.navigation.state_at(now, place.frame)
         if state is not None:
-            self._yaw = heading(state.attitude)
+            self._set_points.yaw = heading(state.attitude)
         return state is not None
 
     def _watch_mode(self, now: float) -> None:
@@ -211,7 +227,7 @@ class FlightState:
         in_mode = self.authority.in_mode
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M
         if self._taken is None and (self.authority.usurped or (risen and not in_mode)):
-            self._taken = self._pace.stalled_s(now) if self._modes.px4 else 0.0
+            self._taken = self._set_points.stalled_s(now) if self._modes.px4 else 0.0
         if self._taken is not None and self.authority.settled:
             self._lose(because(Why.MODE_TAKEN, mode=self._mode, stalled_s=self._taken), handed_over=True)
         elif self.phase is Phase.YIELDING and in_mode:
@@ -230,7 +246,6 @@ _FLOWING_S: Final = 1.0  # send set-points this long before PX4 gets the order t
 _STOPPED_S: Final = 0.5  # send set-points with velocity 0 this long before the last one
 _OWN_MODE_S: Final = 0.3  # after a stick: ArduPilot reads a mode switch after 0.2 s, and reports its mode at 10 Hz
 _PX4_YIELDS_S: Final = 5.0  # limit for the change to Hold, which waits for no throttle
-_STILL: Final = (0.0, 0.0, 0.0)
 _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
 
@@ -247,7 +262,6 @@ class Commander(FlightState):
         super().__init__(session, take_off_m, emit)
         self.held_back: Reason | None = None
         self._arm_timeout_s = arm_timeout_s
-        self._velocity = _STILL
         self._tries = 0  # to arm
         self._read_since = 0.0  # the messages read now came after this time
         self._offered: list[Callable[[float], None]] = []  # called after the present messages were sent
@@ -281,11 +295,11 @@ class Commander(FlightState):
         self._borrowing = True
         self.authority.borrow()
         self._enter(Phase.FLYING, now, self._modes.steer)
-        self._next_order = now + _FLOWING_S
+        self._times.next_order = now + _FLOWING_S
 
     def steer(self, velocity: tuple[float, float, float]) -> None:
         """Fly with this velocity [m/s, NED] until the next call."""
-        self._velocity = velocity
+        self._set_points.velocity = velocity
 
     def land(self, now: float, *why: Reason) -> None:
         """Land here; before the take-off: disarm. `why`: the reasons, if it is not the normal end."""
@@ -326,7 +340,7 @@ class Commander(FlightState):
 
     def _advance(self, now: float) -> None:
         """Change to the next phase if this one has ended, or has taken too long."""
-        late, in_mode = now - self._since, self.authority.in_mode
+        late, in_mode = now - self._times.since, self.authority.in_mode
         self._borrowing = self._borrowing and not in_mode
         if self.authority.silent(now):
             self._lose(because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S))
@@ -334,12 +348,12 @@ class Commander(FlightState):
             pass  # find out first who controls the vehicle
         elif self.phase is Phase.CLIMBING and self._climbed:
             self._enter(Phase.FLYING, now, self._modes.steer)
-            self._next_order = now + max(0.0, _FLOWING_S - late)
+            self._times.next_order = now + max(0.0, _FLOWING_S - late)
         elif self.phase is Phase.HOLDING and in_mode and late > _STOPPED_S:
             self.phase = Phase.ENDED
         elif self.phase is Phase.YIELDING and late > _STOPPED_S and not (self._modes.px4 or self.sticks.known):
             self._lose(because(Why.NO_RADIO))
-        elif late > self._limit_s and not (self.phase is Phase.FLYING and in_mode):
+        elif late > self._times.limit_s and not (self.phase is Phase.FLYING and in_mode):
             reasons = self._reasons() or [because(Why.NO_EXPLANATION)]
             if self.phase is Phase.ARMING and self.held_back:
                 reasons = [self.held_back]
@@ -351,33 +365,33 @@ class Commander(FlightState):
 
     def _due(self, now: float) -> list[Any]:
         """Return the set-points, which have an effect in one mode only, and the orders, which may change the mode."""
-        messages = []
+        messages, vehicle = [], self._vehicle
         if not self._steered:
-            self._pace.rest()
-        elif self._pace.due(now):
-            self._offered.append(self._pace.left)
-            velocity = self._velocity if self.phase is Phase.FLYING else _STILL
-            messages.append(self._modes.to_steer(self._vehicle, velocity, self._yaw))
-        if now >= self._next_order:
-            order, again = self._order()
+            self._set_points.rest()
+        elif self._set_points.due(now):
+            self._offered.append(self._set_points.left)
+            velocity = self._set_points.velocity if self.phase is Phase.FLYING else _STILL
+            messages.append(self._modes.to_steer(vehicle, velocity, self._set_points.yaw))
+        if now >= self._times.next_order:
+            order, again = self._order(vehicle)
             if order is None:
-                self._next_order = now + again
+                self._times.next_order = now + again
             elif self.authority.fresh(now):
                 self._offered.append(partial(self._ordered, order, again))
                 messages.append(order)
         return messages
 
     def _ordered(self, order: Any, again: float, now: float) -> None:
-        self._next_order = now + again
-        self._ordered_s = min(self._ordered_s, now)
+        self._times.next_order = now + again
+        self._times.ordered_s = min(self._times.ordered_s, now)
         if self.phase is Phase.ARMING and order.command == _ARM:
             self._tries += 1
             refused = self._complaints.refused_order, self._complaints.refused_result
             self._emit(ArmingTried(now, self._session.name, self._tries, _ARM_AGAIN_S, *refused))
 
-    def _order(self) -> tuple[Any | None, float]:
+    def _order(self, vehicle: Vehicle) -> tuple[Any | None, float]:
         """Return the pending order, None if there is none, and the time [s] until it is repeated."""
-        vehicle, modes = self._vehicle, self._modes
+        modes = self._modes
         to = vehicle.system, vehicle.component
         if self.phase is Phase.CLIMBING:
             assert self.origin is not None
@@ -411,7 +425,7 @@ class Commander(FlightState):
         if not self.phase.active:
             return
         # an order to arm may be in transmission
-        disarmed = self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S
+        disarmed = self.phase is Phase.DISARMING and now - self._times.ordered_s > _STOPPED_S
         if (self.phase is Phase.LANDING or disarmed) and not armed:
             self.phase = Phase.ENDED
         elif self.phase is Phase.DISARMING:
@@ -440,7 +454,7 @@ class Commander(FlightState):
     def _on_ack(self, message: Any, now: float) -> None:
         taken = self._session.answers_us(message) and self._complaints.on_ack(message)
         if taken and self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
-            self._next_order = now + _TAKE_OFF_AGAIN_S
+            self._times.next_order = now + _TAKE_OFF_AGAIN_S
 
     def _on_text(self, message: Any, now: float) -> None:
         if text := self._complaints.on_text(message):
@@ -477,7 +491,7 @@ class Commander(FlightState):
         elif (flown or steered) and self.authority.wanted != self._modes.yields:
             self.why = (why,)
             self._enter(Phase.YIELDING, now, self._modes.yields, _PX4_YIELDS_S if px4 else None)
-            self._next_order = now + _OWN_MODE_S
+            self._times.next_order = now + _OWN_MODE_S
             if not (px4 or self.sticks.throttle_in_middle):
                 self._emit(ThrottleAwaited(now, self._session.name, self.sticks.channel, self.sticks.by_us))
 

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.navigation import ClockMap
 from arva_hil.autopilot.following.session import Received
 from arva_hil.mavlink.codec import Packet, decode, dialect, tunnel, untunnel
 from arva_hil.search.team.team import Teammate
@@ -95,20 +96,19 @@ class OtherSearches:
         if vehicle and not self.first:
             self.first = self._find_first(received.others, vehicle.system)
 
-    def news(self) -> list[Any]:
-        """Return the messages to the team to send now."""
-        return self._tunnel.poll() if self._tunnel else []
-
-    def claim(self, now: float, boot_s: float | None, *, launched: bool) -> list[Any]:
-        """Return the own claim if it is due. `boot_s`: the vehicle's boot time, None if it is not known."""
-        if boot_s is None or (now < self._next_s and launched == self._own.launched):
-            return []
+    def poll(self, now: float, clock: ClockMap | None, *, launched: bool) -> list[Any]:
+        """Return the news and the claim to send now. `clock`: the vehicle's; None: claim nothing."""
+        messages = self._tunnel.poll() if self._tunnel else []
+        due = now >= self._next_s or launched != self._own.launched
+        boot_s = clock.boot(now) if clock and due else None
+        if boot_s is None:
+            return messages
         if self._first_s is None:
             self._first_s = now
             self._own = self._own._replace(since_ms=round(boot_s * 1e3))
         self._own = self._own._replace(launched=launched)
         self._next_s = now + _EVERY_S
-        return [tunnel(CLAIM_TYPE, encode(self._own))]
+        return [*messages, tunnel(CLAIM_TYPE, encode(self._own))]
 
     def _find_first(self, packets: Sequence[Packet], system: int) -> Claim | None:
         """Return the claim of another search that gets the vehicle of this system, None if there is none."""

@@ -169,9 +169,9 @@ class SearchClient:
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
         """Return the bytes to send: those without and those with orders."""
-        told, launched = self._others.news(), self.launched
-        if not self._dry_run and self.outcome is None and self._session.reachable:
-            told = told + self._others.claim(now, self._session.navigation.clock.boot(now), launched=launched)
+        launched = self.launched
+        claims = not self._dry_run and self.outcome is None and self._session.reachable
+        told = self._others.poll(now, self._session.navigation.clock if claims else None, launched=launched)
         packed = b"".join(map(self._session.encoder.pack, told))
         requests, events = self._session.poll(now)
         self._events += events

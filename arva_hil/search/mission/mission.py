@@ -131,7 +131,7 @@ class Mission:
                 self.choice.add(id_, o)
         if self.victims.several:
             self.victims.on_frame(frame, time_s)
-        if not self.ended and self.found is None:
+        if not self.ended and not self._reached:
             masked = self._shares and hidden(frame, self.choice.target)
             self.choice.choose(heard, time_s, masked=masked)
             if self.choice.hunting and self.choice.target in heard:
@@ -256,8 +256,8 @@ class Mission:
             return self._end(because(Why.TOO_FAR, metres=_FAR_M))
         if silent := self.choice.guidance.silent(time_s):
             return self._end(because(Why.STRATEGY_FAILED, text=silent))
-        if self.found is not None:
-            return self._go_there(self.found, time_s, position)
+        if self._reached and self._reached.found:
+            return self._go_there(self._reached.found, time_s, position)
         if no_frame := self._pauses.silent(time_s):
             return self._end(no_frame)
         if self.progress.searched_s > self.plan.limit_s:

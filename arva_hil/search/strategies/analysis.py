@@ -114,7 +114,9 @@ class Analysis:
 
     def add(self, id_: int, o: Observation) -> None:
         """Add a reading of a transmitter."""
-        self._records.setdefault(id_, TransmitterReadings()).add(o)
+        if id_ not in self._records:
+            self._records[id_] = TransmitterReadings()
+        self._records[id_].add(o)
 
     def forget(self, id_: int) -> None:
         """Forget the readings of a transmitter."""
