@@ -7,14 +7,22 @@ import json
 import os
 from typing import Final
 
+from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
-from arva_hil.config import Scenario, ScenarioError, newer_keys, parse
-from arva_hil.config.campaign import is_plan, parse_plan
-from arva_hil.config.profiles import located, parse_profile, profile_kind
-from arva_hil.config.reading import read_text
 
 _COMMAND_LINES: Final = "file:the link of the command line"  # like no other
+
+
+def options(parser: CommandParser) -> None:
+    """Validate scenario files, plans of campaigns and profiles.
+
+    Prints every mistake with line and column, or a summary.
+    """
+    parser.add_argument("files", nargs="*", metavar="FILE", help="scenario, plan of a campaign or profile (YAML)")
+    schema = "print the JSON Schema of these files for editors instead; default: scenario"
+    kinds = ("scenario", "campaign", "receiver", "transmitter")
+    parser.option("--schema", schema, environment=False, const="scenario", choices=kinds)
 
 
 def main(options: argparse.Namespace) -> int:
@@ -26,6 +34,10 @@ def main(options: argparse.Namespace) -> int:
         return OK
     if not options.files:
         raise UsageError("the following arguments are required: FILE", "see arva-hil check --help")
+    from arva_hil.config import ScenarioError  # slow, as all imports below
+    from arva_hil.config.profiles import located
+    from arva_hil.config.reading import read_text
+
     code = OK
     for name in options.files:
         try:
@@ -43,13 +55,18 @@ def main(options: argparse.Namespace) -> int:
 
 def _check(name: str, text: str) -> None:
     """Print a summary of a file. Raises ScenarioError, and UsageError for links that do not fit together."""
+    from arva_hil.config import newer_keys, parse
+    from arva_hil.config.campaign import is_plan, parse_plan
+    from arva_hil.config.profiles import parse_profile, profile_kind
+    from arva_hil.emulator.build import outside_norm
+
     if of := profile_kind(text):
         parse_profile(text, of, name)
         show(f"{name}: ok: the profile of a {of}")
         own = f"profile: {json.dumps(os.path.basename(name))}"
         keys, hears = (f", {own}", "model: pulsed") if of == "transmitter" else ("", own)
         text = f"spec: 2\ntransmitters: [{{id: 0, ned: [0, 0, 0]{keys}}}]\nreceiver: {{{hears}}}"
-        for remark in _remarks(parse(text, name)):
+        for remark in outside_norm(parse(text, name)):
             tell(f"{name}: warning: {remark.partition(': ')[2]}")
         return
     if is_plan(text):
@@ -60,7 +77,7 @@ def _check(name: str, text: str) -> None:
         return
     chosen = parse(text, name)
     if chosen.vehicles:
-        from arva_hil.runtime.fleet_links import fleet_sides  # slow to import
+        from arva_hil.runtime.fleet_links import fleet_sides
 
         try:
             fleet_sides(chosen, _COMMAND_LINES)
@@ -77,12 +94,5 @@ def _check(name: str, text: str) -> None:
     for fault in chosen.faults:
         show(f"  fault {fault}")
     if newer_keys(chosen):
-        for remark in _remarks(chosen):
+        for remark in outside_norm(chosen):
             tell(f"{name}: warning: {remark}")
-
-
-def _remarks(chosen: Scenario) -> list[str]:
-    """Return remarks on values outside the norm."""
-    from arva_hil.emulator.build import outside_norm  # slow to import
-
-    return outside_norm(chosen)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.arguments import runs as arguments
+from arva_hil.cli import vehicle as arguments
 from arva_hil.clock import RealClock
 from arva_hil.links import Link
 from arva_hil.links.tcp import TcpLink
