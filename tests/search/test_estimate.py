@@ -33,13 +33,13 @@ from arva_hil.search.strategies import dipole, estimate
 from arva_hil.search.strategies.agreement import Evidence, beginning
 from arva_hil.search.strategies.circle import RADIUS_M, Circle
 from arva_hil.search.strategies.dipole import Array
-from arva_hil.search.strategies.drift import DriftFit, fitted, fitted_again
+from arva_hil.search.strategies.drift import DriftFit, fitted, fitted_again, place_now
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.flux import Flux
 from arva_hil.search.strategies.history import NOTHING, Cause, Explanation
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import STILL, Found, Observation, Strategy
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Strategy, sigma_of
 from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from firmware_proto import Decoder, encode
 from tests.every import every
@@ -219,6 +219,14 @@ def walk(seed: int, sigma_m: float, count: int) -> NDArray[np.float64]:
     return np.array(every)
 
 
+def slow(rng: np.random.Generator, sigma_m: float, tau_s: float, count: int) -> NDArray[np.float64]:
+    """A drift (count, 3) without a filter, from an offset on."""
+    kept, at = math.exp(-EVERY_S / tau_s), sigma_m * rng.standard_normal((count, 3))
+    for n in range(1, count):
+        at[n] = kept * at[n - 1] + math.sqrt(1 - kept**2) * at[n]
+    return at
+
+
 def heard(at: NDArray[np.float64]) -> tuple[float, float]:
     """d [m] and δ [rad] of a level receiver that looks north, rounded as the receiver shows them."""
     r = at - PLACE
@@ -240,6 +248,26 @@ def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
             x = np.array([fit.x for fit in fits])
             off.append(math.dist(fits[0].now[:2], (PLACE + error)[:2]))
     assert max(off) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "tau_s", "most_m"), [(0.0, 600, 0.1), (1.0, 600, 0.3), (2.0, 600, 0.5), (1.0, 20, 0.9)]
+)
+def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed(
+    sigma_m: float, tau_s: float, most_m: float
+) -> None:
+    rng, shares = np.random.default_rng(1), list[float]()
+    for _ in range(8):
+        readings, drift = dipole.DipoleReadings(), slow(rng, sigma_m, tau_s, 24)
+        for k, error in enumerate(drift):
+            at = np.array([(8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k), -3.0])
+            readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+        place, covariance = place_now(np.array([*(PLACE + drift.mean(axis=0)), *MOMENT, 0.0]), readings)
+        sigma = sigma_of(covariance) or 0.0
+        shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / sigma)
+        assert sigma < most_m
+    assert max(shares) < 3.0
+    assert np.median(shares) < 1.5
 
 
 def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:

@@ -24,7 +24,7 @@ from arva_hil.safe_text import shown
 from arva_hil.search.strategies.agreement import Evidence
 from arva_hil.search.strategies.explained import dipole_at
 from arva_hil.search.strategies.history import Track
-from arva_hil.search.strategies.strategy import Belief, Covariance, Found, Observation, Position, Strategy, Velocity
+from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Strategy, Velocity
 
 _REMEMBERED: Final = 256  # observations of each transmitter
 _NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
@@ -260,24 +260,14 @@ def killed(exit_code: int | None) -> str:
 
 
 def _sound(found: Found) -> Found | None:
-    """Return the place without its invalid optional values."""
-    north, east, down, covariance, now, now_covariance, turned_deg = found
-    if not math.isfinite(north + east):
+    """Return the place without its invalid optional values; None if a coordinate is not finite."""
+    if not math.isfinite(found.north + found.east):
         return None
-    if down is not None and not math.isfinite(down):
-        down = None
-    if now is not None and not math.isfinite(math.hypot(*now)):
-        now = None
-    if turned_deg is not None and not math.isfinite(turned_deg):
-        turned_deg = None
-    return Found(north, east, down, _finite(covariance), now, _finite(now_covariance), turned_deg)
-
-
-def _finite(covariance: Covariance | None) -> Covariance | None:
-    """Return a covariance (nn, ne, ee), None if it is not valid."""
-    if covariance is None or not (math.isfinite(sum(covariance)) and min(covariance[0], covariance[2]) >= 0):
-        return None
-    return covariance
+    values = {name: value for name, value in found._asdict().items() if value is not None and np.isfinite(value).all()}
+    for name in ("covariance", "now_covariance"):
+        if name in values and min(values[name][0], values[name][2]) < 0:
+            del values[name]
+    return Found(**values)
 
 
 def _shown(thing: Any) -> str:

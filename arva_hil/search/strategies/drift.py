@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.search.strategies import dipole
+from arva_hil.search.strategies.strategy import Covariance
 
 DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
@@ -31,6 +32,7 @@ _ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a pl
     *((sigma_m, 100.0, 0.1) for sigma_m in (0.3, 1.0)),
     *((sigma_m, 20.0, 0.1) for sigma_m in (0.3, 1.0, 2.0)),
 )
+_AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
 _AGE_S: Final = 1.5  # of the newest reading when the place is used
 _CAUTION: Final = 2.0  # share of the evidence that counts is its inverse: errors of readings are alike
 
@@ -85,17 +87,17 @@ def fitted(
     drift_m: float,
     rounds: int,
     near: Sequence[DriftFit] = (),
-    tau_s: float | None = None,
+    times_s: tuple[float, float] = _SLOW_S,
+    ahead_s: float = 0.0,
 ) -> list[DriftFit]:
     """Return for each hypothesis (K, 7) the one near it that fits the readings best.
 
     Sigmas of each place and of the drift are in metres. `near`: fits; the first hypotheses start with their drifts. The
-    cost of a fit with `drift_m` 0 can be compared with others. `tau_s`: of a drift that is not filtered; such fits
-    return the place some time after the newest reading.
+    cost of a fit with `drift_m` 0 can be compared with others. `times_s`: correlation time of the drift, and of its
+    filter. `ahead_s`: the time now, after the newest reading.
     """
-    now_s = o.time_s[1:].max(initial=0.0) + (0.0 if tau_s is None else _AGE_S)
-    alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s, tau_s)
-    newest = drift_m**2 * _alike(o.time_s - now_s, tau_s)
+    alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s, times_s)
+    newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0) - ahead_s, times_s)
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is the prior
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
     there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, len(o.time_s)))
@@ -148,21 +150,25 @@ def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings,
     return kept
 
 
-def place_now(x: Array, o: dipole.DipoleReadings) -> tuple[Array, Array]:
-    """Return the place of a transmitter in the frame reported now, north and east, and its covariance (2, 2).
+def place_now(x: Array, o: dipole.DipoleReadings) -> tuple[tuple[float, float], Covariance]:
+    """Return the place of a transmitter in the frame reported now, north and east, and its covariance.
 
     `x`: the hypothesis (7,) near it. Drifts of all speeds and sizes count by their likelihood: that of the part of the
     readings that the hypothesis cannot follow.
     """
-    every = [fitted(x[None], o, white_m, drift_m, 2 * _ROUNDS, tau_s=tau_s)[0] for drift_m, tau_s, white_m in _ANY]
+    every = [
+        fitted(x[None], o, white_m, drift_m, 2 * _ROUNDS, times_s=(tau_s, _AT_ONCE_S), ahead_s=_AGE_S)[0]
+        for drift_m, tau_s, white_m in _ANY
+    ]
     cost = np.array([one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1] for one in every])
     share = np.exp((cost.min() - cost) / _CAUTION)
     share /= share.sum()
     places = np.array([one.now[:2] for one in every])
-    off = places - share @ places
-    white = np.array([white_m**2 for *_, white_m in _ANY])[:, None, None] * np.eye(2)
-    each = np.array([one.now_covariance[:2, :2] for one in every]) + white + off[:, :, None] * off[:, None]
-    return share @ places, np.einsum("k,kij->ij", share, each)
+    north, east = (share @ places).tolist()
+    off = places - (north, east)
+    each = [one.now_covariance[:2, :2] + white_m**2 * np.eye(2) for one, (*_, white_m) in zip(every, _ANY, strict=True)]
+    (nn, ne), (_, ee) = np.einsum("k,kij->ij", share, np.array(each) + off[:, :, None] * off[:, None]).tolist()
+    return (north, east), (nn, ne, ee)
 
 
 def _then(fit: DriftFit, time_s: Array) -> Array:
@@ -171,10 +177,8 @@ def _then(fit: DriftFit, time_s: Array) -> Array:
     return np.array([np.interp(time_s, fit.time_s[order], axis[order]) for axis in fit.drift])
 
 
-def _alike(after_s: Array, tau_s: float | None) -> Array:
-    """Return the correlation of drifts by their distance in time; `tau_s`: of a drift that is not filtered."""
-    slow, quick = _SLOW_S
+def _alike(after_s: Array, times_s: tuple[float, float]) -> Array:
+    """Return the correlation of drifts by their distance in time; `times_s`: of the drift, and of its filter."""
+    slow, quick = times_s
     t = np.abs(after_s)
-    if tau_s is not None:
-        return np.exp(-t / tau_s)
     return (slow * np.exp(-t / slow) - quick * np.exp(-t / quick)) / (slow - quick)

@@ -96,12 +96,10 @@ class Hypotheses:
             best = self.drifts[0]  # its mean place, not the one reported now
             (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
             north, east, down = best.x[:3].tolist()
-        now, covariance = place_now(self.x[0], self._evidence.readings(self.cause))
-        (now_nn, now_ne), (_, now_ee) = covariance.tolist()
+        now, now_covariance = place_now(self.x[0], self._evidence.readings(self.cause))
         far = abs(self.x[0, 6]) > max(_TURNED, _TURNED_SIGMAS * self._yaw_sigma)
         turned_deg = math.degrees(self.x[0, 6]) if far else None
-        goal = float(now[0]), float(now[1])
-        return Found(north, east, down, (nn, ne, ee), goal, (now_nn, now_ne, now_ee), turned_deg)
+        return Found(north, east, down, (nn, ne, ee), now, now_covariance, turned_deg)
 
     def seed(self, o: Observation) -> None:
         """Add hypotheses that agree with a reading."""
