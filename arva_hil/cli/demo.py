@@ -248,7 +248,7 @@ def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
     if flown.has_page:
         lines.append(f"to see it again: arva-hil view {options.record}")
     started_us = flown.clock.epoch_us + flown.start * 1e6
-    for line in lines + search_report.close_log(log, outcome, code, started_us, drone.truth()):
+    for line in lines + search_report.close_log(log, outcome, code, started_us):
         tell(line)
     return code
 

@@ -16,8 +16,10 @@ from arva_hil.events.event_json import event_object
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.text import placed, sigma
+from arva_hil.links import files
 from arva_hil.model.field.geodesy import LocalFrame
-from arva_hil.records.pictures.search import draw_search
+from arva_hil.records.pictures.run import of_search
+from arva_hil.records.reading import RecordingError, load
 from arva_hil.records.writing import RecordError
 from arva_hil.records.writing.search_log import TRACK, SearchLog
 from arva_hil.search.mission.accuracy import Accuracy
@@ -123,16 +125,10 @@ EXIT: Final = {
 }
 
 
-def close_log(
-    log: SearchLog,
-    outcome: Outcome,
-    code: int,
-    started_us: float,
-    truth: Mapping[int, tuple[float, float, float]] | None = None,
-) -> list[str]:
-    """Close the log and draw the picture. Yields lines about both.
+def close_log(log: SearchLog, outcome: Outcome, code: int, started_us: float) -> list[str]:
+    """Close the log and draw the picture. Returns lines about both.
 
-    `started_us`: the steps' time 0 in microseconds since 1970. `truth`: see `draw_search`.
+    `started_us`: the steps' time 0 in microseconds since 1970.
     """
     about = {"started": utc(round(started_us)), "command": sys.argv, "version": __version__}
     try:
@@ -140,12 +136,11 @@ def close_log(
     except RecordError as error:
         return [f"error: {error}"]
     picture = log.folder / PICTURE
-    places = [victim.found for victim in outcome.victims] or ([outcome.found] if outcome.found else [])
     try:
-        draw_search(picture, log.rows, [place[:2] for place in places], truth or {})
+        files.replace(picture, of_search(load(log.folder)))
     except ImportError:
         return [f"log: {log.folder / TRACK}; for a picture: pip install 'arva-hil[plots]'"]
-    except OSError as error:
+    except (OSError, RecordingError) as error:
         return [f"log: {log.folder / TRACK}; no picture: {error}"]
     return [f"log: {log.folder / TRACK}, picture: {picture}"]
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 import threading
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
+from arva_hil.cli.search_report import close_log
 from arva_hil.clock import StepClock
-from arva_hil.records.pictures.search import _draw_above, _draw_distances, draw_search
-from arva_hil.records.pictures.style import look_of
 from arva_hil.records.writing import RecordError
 from arva_hil.records.writing.search_log import SearchLog
-from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.mission.outcome import Outcome, SearchStep
 
 COLUMNS = "time_s,phase,north_m,east_m,down_m,heading_deg,v_north,v_east,v_down,id,d_cm,delta_deg,zone"
 
@@ -34,7 +31,6 @@ def test_every_row_is_there_to_the_last_digit(tmp_path: Path, count: int) -> Non
         log.row(one)
     log.close({"outcome": "found"})
     assert log.error == ""
-    assert log.rows == rows
     with open(tmp_path / "deep" / "er" / "search.csv", newline="") as file:
         header, *lines = csv.reader(file)
     assert ",".join(header) == COLUMNS
@@ -64,25 +60,14 @@ def test_another_search_is_never_overwritten(tmp_path: Path, name: str) -> None:
 def test_a_picture_is_not_drawn_through_a_symlink(tmp_path: Path) -> None:
     (tmp_path / "of somebody").write_text("mine")
     (tmp_path / "search.png").symlink_to(tmp_path / "of somebody")
-    draw_search(tmp_path / "search.png", [row(0), row(1)], [], {})
+    log = SearchLog(tmp_path)
+    log.row(row(0))
+    assert close_log(log, Outcome("found", ()), 0, 0.0) == [
+        f"log: {tmp_path / 'search.csv'}, picture: {tmp_path / 'search.png'}"
+    ]
     assert (tmp_path / "of somebody").read_text() == "mine"
     assert (tmp_path / "search.png").read_bytes().startswith(b"\x89PNG")
     assert not (tmp_path / "search.png").is_symlink()
-
-
-def test_the_picture_of_a_search_has_every_place_and_the_true_ranges() -> None:
-    above, time = Figure().subplots(1, 2)
-    steps, truth = [row(n) for n in range(11)], {7: (3.0, 4.0, 1.0), 8: (30.0, 4.0, 1.0)}
-    _draw_above(above, steps, [(3.0, 4.0), (30.0, 4.5)], truth)
-    crosses = [line.get_xydata().tolist() for line in above.lines if line.get_marker() == "x"]
-    assert crosses == [[[4.0, 3.0]], [[4.5, 30.0]]]
-    assert [text.get_text() for text in above.texts] == ["1", "2"]
-    _draw_distances(time, steps, truth)
-    lines = {line.get_color(): line.get_ydata() for line in time.lines if line.get_linestyle() == "-"}
-    assert set(lines) == {look_of(7)[0], look_of(8)[0]}
-    first = steps[0]
-    away = math.dist((first.north_m, first.east_m, first.down_m), truth[7])
-    assert lines[look_of(7)[0]][0] == pytest.approx(away)
 
 
 def test_rows_are_on_the_disk_soon_whatever_ends_the_program(tmp_path: Path) -> None:

@@ -24,7 +24,6 @@ from PIL import Image, ImageDraw, ImageFont
 PICTURES: Final = Path(__file__).parents[2] / "docs" / "pictures"
 ARVA_HIL: Final = [sys.executable, "-m", "arva_hil"]
 COLUMNS: Final = 92
-LINE_PX: Final = 17
 EDGE_PX: Final = 14
 PAPER, INK, DIM, BRIGHT = "#14181f", "#d6dbe3", "#8b95a5", "#f0c674"
 PALETTE: Final = 64  # colours of the file: what keeps it small
@@ -48,13 +47,13 @@ def terminal(lines: list[str], width: int) -> Image.Image:
     size = next(
         s for s in range(20, 6, -1) if ImageFont.truetype(path, s).getlength("0" * COLUMNS) <= width - 2 * EDGE_PX
     )
-    font = ImageFont.truetype(path, size)
-    image = Image.new("RGB", (width, LINE_PX * len(lines) + 2 * EDGE_PX), PAPER)
+    font, line_px = ImageFont.truetype(path, size), size + 3
+    image = Image.new("RGB", (width, line_px * len(lines) + 2 * EDGE_PX), PAPER)
     draw = ImageDraw.Draw(image)
     for i, line in enumerate(lines):
         bright = line.startswith(("$", "found", "search: found", "error of "))
         colour = BRIGHT if bright else DIM if line.startswith(("scenario", "  ", "datum")) else INK
-        draw.text((EDGE_PX, EDGE_PX + i * LINE_PX), line, fill=colour, font=font)
+        draw.text((EDGE_PX, EDGE_PX + i * line_px), line, fill=colour, font=font)
     return image
 
 

@@ -9,22 +9,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, PINK, RED, SKY, look_of, thinned
+from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, PALETTE, PINK, RED, SKY, look_of, thinned
 from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.records.reading.streams import RecordedStream
 from arva_hil.safe_text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-from typing import TYPE_CHECKING
-
-from arva_hil.records.pictures.style import PALETTE
-from arva_hil.records.reading.streams import RecordedStream
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Floats = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""The pictures of a run: each by itself, or all on one sheet."""
+"""The pictures of a run: each by itself, or all on one sheet; that of a search."""
 
 from __future__ import annotations
 
@@ -52,6 +52,17 @@ def sheets(recording: Recording, format: Format) -> Iterator[tuple[str, bytes]]:
                 draw(places[name])
             made.suptitle(" · ".join(filter(None, [one_line(recording.title), receiver])), fontsize=12)
             yield receiver, saved(made, format)
+
+
+def of_search(recording: Recording) -> bytes:
+    """Return a PNG of the flight from above, beside d over time. Raises ModuleNotFoundError without matplotlib."""
+    receiver = next(iter(recording.receivers), None)
+    with styled():
+        made = figure(10.0, 4.8)
+        above, time = made.subplots(1, 2)
+        draw_map(above, recording, receiver)
+        draw_distance(time, recording, receiver)
+        return saved(made, "png")
 
 
 def _each(recording: Recording) -> Iterator[tuple[str, dict[str, Draw]]]:

@@ -44,7 +44,6 @@ class SearchLog(GrowingFiles):
         super().__init__(folder, [TRACK] if start_s is None else [TRACK, NEWS], "a search", OUTCOME, clock=clock)
         self._start_s = start_s
         self._lines = EventLines(0)
-        self.rows: list[SearchStep] = []
         self._csv = csv.writer(self, lineterminator="\n")
         self._csv.writerow(SearchStep._fields)
 
@@ -54,7 +53,6 @@ class SearchLog(GrowingFiles):
 
     def row(self, row: SearchStep) -> None:
         """Add one step."""
-        self.rows.append(row)
         self._csv.writerow(row)
         self._flush_now_and_then(full=len(self._pending[TRACK]) > _BATCH_BYTES)
 
