@@ -18,12 +18,14 @@ from sphinx.pycode import ModuleAnalyzer
 
 import arva_hil
 from arva_hil import events
+from arva_hil.autopilot.commanding.commander import PHASES
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
 from arva_hil.config.tables import Table
 from arva_hil.events import searches, vehicles
 from arva_hil.events.event_json import event_name
+from arva_hil.search.flight.preflight import CONSENTS
 from tools import write_reference
 
 HERE: Final = Path(__file__).parent
@@ -84,6 +86,8 @@ def read(app: Sphinx, page: str, source: list[str]) -> None:
         text += "\n" + write_reference.page()
     if page == "reference/commands":
         text += "\n" + "\n\n".join(command_sections())
+    if page == "explanation/safety":
+        text += "\n" + "\n\n".join(state_tables())
     if page == "reference/events":
         text += "\n" + "\n\n".join(event_tables())
 
@@ -123,6 +127,15 @@ def described_fields(item: type) -> set[str]:
 def leave_out(app: Sphinx, what: str, name: str, item: object, skip: bool, options: object) -> bool | None:
     """Leave out the fields of a named tuple, which its signature has with their types."""
     return True if (inspect.getdoc(item) or "").startswith("Alias for field number") else None
+
+
+def state_tables() -> Iterator[str]:
+    """Yield a section with the states of a flight, and one with those of the permission to arm."""
+    for title, table in ("The phases of a flight", PHASES), ("The permission to arm", CONSENTS):
+        rows = [f"## {title}", "", "| state | meaning | may be followed by |", "|---|---|---|"]
+        for state, rule in table.items():
+            rows.append(f"| {state.name} | {rule.meaning} | {', '.join(one.name for one in rule.then)} |")
+        yield "\n".join(rows)
 
 
 def api_sections() -> Iterator[str]:

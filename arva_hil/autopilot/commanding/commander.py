@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.commanding import authority
 from arva_hil.autopilot.commanding.authority import MODE_WANTED, Authority
@@ -31,10 +31,7 @@ from arva_hil.model.field.rotation import heading
 
 
 class Phase(Enum):
-    """ENDED: landed, disarmed or left hovering, as ordered. LOST: we do not control the vehicle any more.
-
-    YIELDING: the vehicle is stopped, and given to the pilot: ArduPilot in LOITER, PX4 in hold.
-    """
+    """The phases of a flight. `PHASES` has their meaning, limits and transitions."""
 
     IDLE = auto()
     ARMING = auto()
@@ -53,16 +50,33 @@ class Phase(Enum):
         return self not in _SILENT
 
 
+class PhaseRule(NamedTuple):
+    """One row of the table of phases."""
+
+    meaning: str
+    then: tuple[Phase, ...]
+    """The phases that may follow."""
+    limit_s: float = math.inf
+    """The longest duration [s], without the part for the height."""
+    each_metre_s: float = 0.0
+    """The part of the limit for each metre of height [s]."""
+
+
 _SILENT: Final = (Phase.IDLE, Phase.ENDED, Phase.LOST)
-_LIMITS: Final = {  # limit of a phase: s, and s per metre
-    Phase.ARMING: (math.inf, 0.0),
-    Phase.CLIMBING: (30.0, 1.0),
-    Phase.FLYING: (10.0, 0.0),
-    Phase.LANDING: (90.0, 2.0),
-    Phase.DISARMING: (10.0, 0.0),
-    Phase.HOLDING: (5.0, 0.0),
-    Phase.YIELDING: (60.0, 0.0),
+_ENDS: Final = (Phase.LANDING, Phase.HOLDING, Phase.YIELDING, Phase.LOST)  # of a vehicle in the air
+PHASES: Final = {
+    Phase.IDLE: PhaseRule("nothing is sent", (Phase.ARMING, Phase.FLYING, Phase.LOST)),
+    Phase.ARMING: PhaseRule("the vehicle is armed on the ground", (Phase.CLIMBING, Phase.DISARMING, Phase.LOST)),
+    Phase.CLIMBING: PhaseRule("it takes off", (Phase.FLYING, *_ENDS), 30.0, 1.0),
+    Phase.FLYING: PhaseRule("it follows velocities", _ENDS, 10.0),
+    Phase.LANDING: PhaseRule("it lands", (Phase.ENDED, Phase.YIELDING, Phase.LOST), 90.0, 2.0),
+    Phase.DISARMING: PhaseRule("it is disarmed before the take-off", (Phase.ENDED, Phase.LOST), 10.0),
+    Phase.HOLDING: PhaseRule("it is stopped, to be left hovering", (Phase.ENDED, Phase.YIELDING, Phase.LOST), 5.0),
+    Phase.YIELDING: PhaseRule("it is stopped, and given to the pilot: LOITER, PX4: Hold", (Phase.LOST,), 60.0),
+    Phase.ENDED: PhaseRule("it has landed, is disarmed or hovers, as ordered; nothing is sent", ()),
+    Phase.LOST: PhaseRule("the pilot or a failsafe has it; nothing is sent", ()),
 }
+"""The limit of FLYING holds until the vehicle is in the mode that follows set-points."""
 
 
 _STILL: Final = (0.0, 0.0, 0.0)
@@ -186,9 +200,11 @@ class FlightState:
 
     def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:
         metres = self._take_off_m if phase is Phase.CLIMBING else self.height
-        fixed_s, each_metre_s = _LIMITS[phase]
+        rule = PHASES[phase]
         self.phase = phase
-        self._times = PhaseTimes(now, fixed_s + each_metre_s * max(metres, 0.0) if limit_s is None else limit_s)
+        if limit_s is None:
+            limit_s = rule.limit_s + rule.each_metre_s * max(metres, 0.0)
+        self._times = PhaseTimes(now, limit_s)
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
         self.authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 

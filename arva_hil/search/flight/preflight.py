@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from enum import Enum, auto
+from typing import Any, Final, NamedTuple, Protocol
 
 from arva_hil.autopilot.commanding.commander import Commander
 from arva_hil.autopilot.commanding.vehicle_checks import Failsafes, SimulatorCheck, fence_of
@@ -51,6 +52,33 @@ class Question(Protocol):
         """Return the line typed since the question, None before that. Never waits."""
 
 
+class Consent(Enum):
+    """The state of a permission. `CONSENTS` has the transitions."""
+
+    UNCHECKED = auto()
+    CHECKING = auto()
+    ASKING = auto()
+    GIVEN = auto()
+
+
+class ConsentRule(NamedTuple):
+    """One row of the table of states."""
+
+    meaning: str
+    then: tuple[Consent, ...]
+    """The states that may follow; instead, CHECKING and ASKING may end the search."""
+
+
+CONSENTS: Final = {
+    Consent.UNCHECKED: ConsentRule("the vehicle was not checked yet", (Consent.CHECKING,)),
+    Consent.CHECKING: ConsentRule(
+        "it may be a simulator: the search waits for its answer", (Consent.GIVEN, Consent.ASKING, Consent.UNCHECKED)
+    ),
+    Consent.ASKING: ConsentRule("a person is asked", (Consent.GIVEN, Consent.UNCHECKED)),
+    Consent.GIVEN: ConsentRule("it may be armed, until it may be another vehicle", (Consent.UNCHECKED,)),
+}
+
+
 class Permission:
     """Remembers whether the vehicle is a simulator, and the person's answer.
 
@@ -61,20 +89,14 @@ class Permission:
     def __init__(
         self, session: Session, *, yes: bool = False, question: Question | None = None, dry_run: bool = False
     ) -> None:
+        self.consent = Consent.UNCHECKED
         self._session = session
         self._check = SimulatorCheck(session)
         self._yes = yes
         self._question = question
         self._dry_run = dry_run
         self._vehicle: tuple[int, ...] = ()
-        self._checked_s: float | None = None  # when this vehicle was first checked
-        self._asked: float | None = None
-        self._said = False  # whether a person said yes to this vehicle
-
-    @property
-    def asking(self) -> bool:
-        """True while a person is being asked."""
-        return self._asked is not None and not self._said
+        self._since_s = 0.0  # of CHECKING and of ASKING
 
     def on_packets(self, received: Received) -> None:
         """Use what the session received."""
@@ -83,29 +105,31 @@ class Permission:
 
     def poll(self, now: float) -> bytes:
         """Return the messages to send to the vehicle."""
-        return b"" if self._said else self._check.poll(now)
+        return b"" if self.consent is Consent.GIVEN else self._check.poll(now)
 
     def forget(self) -> None:
         """Forget everything: it may be another vehicle now."""
         self._check.forget()
-        self._checked_s = self._asked = None
-        self._said = False
+        self.consent = Consent.UNCHECKED
 
     def check(self, now: float, emit: Callable[[Event], None]) -> Refusal | bool:
         """Return True if the vehicle may be flown, False while that is unknown, or a refusal. Call it last.
 
         `emit` gets the event of the permission.
         """
-        if self._checked_s is None:
-            self._checked_s = now
-        if self._said:
+        if self.consent is Consent.UNCHECKED:
+            self.consent, self._since_s = Consent.CHECKING, now
+        if self.consent is Consent.GIVEN:
             return True
+        label = str(self._session.vehicle)
         if self._check.answer:
-            self._said = True
-            emit(SimulatorRecognized(now, str(self._session.vehicle), self._check.answer))
-        elif now - self._checked_s > _ANSWER_S:
-            return self._ask(now, emit)
-        return self._said
+            self.consent = Consent.GIVEN
+            emit(SimulatorRecognized(now, label, self._check.answer))
+        elif self.consent is Consent.ASKING:
+            return self._answered(now, label)
+        elif now - self._since_s > _ANSWER_S:
+            return self._ask(now, label, emit)
+        return self.consent is Consent.GIVEN
 
     def _compare(self) -> None:
         vehicle = self._session.vehicle
@@ -117,26 +141,30 @@ class Permission:
                 self.forget()
             self._vehicle = now
 
-    def _ask(self, now: float, emit: Callable[[Event], None]) -> Refusal | bool:
-        label = str(self._session.vehicle)
+    def _ask(self, now: float, label: str, emit: Callable[[Event], None]) -> Refusal | bool:
         if self._yes:
-            self._said = True
             emit(ArmingAllowed(now, label))
         elif self._dry_run:
-            self._said = True
             emit(ConsentNeeded(now, label, self._question is not None))
         elif self._question is None:
             return Refusal("refused", because(Why.NOBODY_ASKED, label=label))
-        elif self._asked is None:
-            self._asked = now
+        else:
+            self.consent, self._since_s = Consent.ASKING, now
             self._question.ask(label)
-        elif (answer := self._question.answer()) is not None:
-            if answer.strip().lower() != "yes":
-                return Refusal("refused", because(Why.ANSWER_NO, label=label))
-            self._said = True
-        elif now - self._asked > _THINK_S:
-            return Refusal("refused", because(Why.ANSWER_LATE, label=label, seconds=_THINK_S))
-        return self._said
+            return False
+        self.consent = Consent.GIVEN
+        return True
+
+    def _answered(self, now: float, label: str) -> Refusal | bool:
+        assert self._question is not None
+        answer = self._question.answer()
+        if answer is None:
+            late = now - self._since_s > _THINK_S
+            return Refusal("refused", because(Why.ANSWER_LATE, label=label, seconds=_THINK_S)) if late else False
+        if answer.strip().lower() != "yes":
+            return Refusal("refused", because(Why.ANSWER_NO, label=label))
+        self.consent = Consent.GIVEN
+        return True
 
 
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
@@ -323,7 +351,7 @@ class Preflight:
 
     def check(self, now: float) -> Refusal | bool:
         """Return True if all is ready for the flight, False while it is not, a refusal if it cannot become ready."""
-        self._wait.check(now, asking=self._permission is not None and self._permission.asking)
+        self._wait.check(now, asking=self._permission is not None and self._permission.consent is Consent.ASKING)
         session, mode = self._session, self._watch.mode
         if self._monitor.link.away:
             return self._lack("link", now, "no link", because(Why.ERROR, text=self._monitor.link.why))
