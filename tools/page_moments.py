@@ -10,6 +10,7 @@ import json
 import math
 import random
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -104,8 +105,10 @@ def main() -> int:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         page = browser.new_page(viewport={"width": 1280, "height": 720}, reduced_motion="reduce")
+        start = time.monotonic()
         page.goto(server.address.url)
         page.wait_for_selector("html[data-ready=true]")
+        ready_s = time.monotonic() - start
         found += wrong_outcome(page, options.record)
         for _ in range(options.moments):
             time_s = round(chance.uniform(max(0.0, float(receiver.time_s[0])), recording.span_s[1]), 2)
@@ -113,8 +116,10 @@ def main() -> int:
             page.evaluate(GO, time_s)
             shown = page.wait_for_function(READ, arg=[time_s, int(receiver.sequence[i])]).json_value()
             found += [f"{time_s} s: {what}" for what in wrong(shown, receiver, i)]
+        heap_mb = page.evaluate("performance.memory.usedJSHeapSize") / 1e6
         browser.close()
     server.close()
+    print(f"ready in {ready_s:.2f} s, heap of the page {heap_mb:.1f} MB")
     print(*found, f"{options.moments} moments and the outcome: {len(found)} wrong", sep="\n")
     return bool(found)
 

@@ -70,7 +70,7 @@ def test_at_every_time_a_vehicle_has_its_health_of_then(flown: Path) -> None:
         checks = {name: value for _, name, value, _ in shown(state, time_s)["vehicles"][0]["checks"]}
         assert checks["mode"] == mode
         assert checks["GPS"] == "3D fix, 10 satellites"
-        assert checks["link"] == "0.0 s ago"
+        assert float(checks["link"].split()[0]) <= 1.0
 
 
 def test_a_log_that_cannot_be_read_leaves_out_the_health_alone(record: Path) -> None:

@@ -7,6 +7,9 @@ process of its own, plays all of them and reads all frames.
 from __future__ import annotations
 
 import gc
+import http.client
+import itertools
+import json
 import multiprocessing
 import os
 import select
@@ -27,7 +30,10 @@ from arva_hil.emulator.setup import vehicle_setups
 from arva_hil.links import Link, open_link
 from arva_hil.links.udp import UdpInLink
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.runtime.audience import Audience
+from arva_hil.observers.web.address import HostPort
+from arva_hil.observers.web.page import WebPage
+from arva_hil.observers.web.state import State
+from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from tools.bench.table import Row, ratio
@@ -38,6 +44,9 @@ _WARM_S: Final = 2.0
 _LATE_MS: Final = 5.0  # p99
 _FLAT: Final = 1.2
 _MANY: Final = 64
+_PAGES: Final = 20
+_POLL_S: Final = 0.2  # as a page
+_WATCHED: Final = 3.0
 
 
 class Flown(NamedTuple):
@@ -64,21 +73,28 @@ def rows(seconds: float) -> Iterator[Row]:
     )
     lost = float(many.lost + many.no_pose)
     yield Row(f"fleet: frames of {_MANY} vehicles not sent or without a pose", "", lost, 0.0, "", lost, 0.0)
+    watched = fly(_MANY, seconds, _PAGES)
+    work = f"fleet: p99 lateness of {_MANY} vehicles with {_PAGES} pages open"
+    yield Row(work, "its limit", watched.p99_ms, _LATE_MS, "ms", watched.p99_ms, _LATE_MS)
+    work = f"fleet: CPU of {_MANY} vehicles with {_PAGES} pages open"
+    yield ratio(work, "without a page", watched.cpu_s, many.cpu_s, "s", _WATCHED)
     one = flown[1].cpu_s
     for count, of in flown.items():
         if count > 1:
             yield ratio(f"fleet: CPU a vehicle, of {count}", "of one alone", of.cpu_s / count, one, "s", _FLAT)
 
 
-def fly(count: int, seconds: float) -> Flown:
-    """Run `count` vehicles for `seconds` in a process on one core."""
+def fly(count: int, seconds: float, pages: int = 0) -> Flown:
+    """Run `count` vehicles for `seconds` in a process on one core. `pages`: number of open pages."""
     context: Any = multiprocessing.get_context("spawn")
     near_end, far_end = context.Pipe()
     done = context.Queue()
-    ours = context.Process(target=_emulate, args=(count, seconds, near_end, done), daemon=True)
+    ours = context.Process(target=_emulate, args=(count, seconds, pages, near_end, done), daemon=True)
     far = context.Process(target=_play, args=(count, seconds, far_end), daemon=True)
     ours.start()
     far.start()
+    if pages:
+        _watch(done.get(timeout=60), pages, time.monotonic() + _WARM_S + seconds)
     flown = Flown(*done.get(timeout=seconds + 120))
     for process in (ours, far):
         process.terminate()
@@ -123,7 +139,7 @@ class _Timed(Link):
         self._port.close()
 
 
-def _emulate(count: int, seconds: float, far: Any, done: Any) -> None:
+def _emulate(count: int, seconds: float, pages: int, far: Any, done: Any) -> None:
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     chosen, clock = scenario(count), RealClock()
     with ExitStack() as stack:
@@ -142,11 +158,17 @@ def _emulate(count: int, seconds: float, far: Any, done: Any) -> None:
                 autopilots[vehicle.name], ports[name] = line, _Timed(out, clock)
         start = clock.now()
         setups = vehicle_setups(chosen, lambda v: v.name, lambda v: Session(target_system=v.system, name=v.name))
-        emulator = Emulator(setups, start=start, spread=True)
+        observers = list[Observer]()
+        if pages:
+            page = WebPage(HostPort("127.0.0.1", 0), State("run", "bench", named=True))
+            stack.callback(page.close)
+            observers.append(page)
+            done.put(page.address.port)
+        emulator = Emulator(setups, start=start, spread=True, tell_packets=pages > 0)
         for emulated in emulator.vehicles:
             for receiver, port in emulated.units:
                 ports[port.link].start = receiver.schedule.deadline
-        live = Live(emulator, autopilots, ports, Audience([]))
+        live = Live(emulator, autopilots, ports, Audience(observers))
         far.send("ready")
         gc.freeze()  # as the commands do
         run([live], clock, until=start + _WARM_S)
@@ -159,6 +181,18 @@ def _emulate(count: int, seconds: float, far: Any, done: Any) -> None:
     lost = sum(c.dropped + c.skipped for c in counters)
     no_pose = sum(max(0, c.no_pose - round(_WARM_S * FRAMES_HZ)) for c in counters)
     done.put((count, cpu, late, made, lost, no_pose))
+
+
+def _watch(port: int, pages: int, until: float) -> None:
+    """Request the state as `pages` pages do, until a time."""
+    versions = [0] * pages
+    clients = [http.client.HTTPConnection("127.0.0.1", port, timeout=10) for _ in range(pages)]
+    for turn in itertools.cycle(range(pages)):
+        if time.monotonic() > until:
+            return
+        clients[turn].request("GET", f"/state.json?since={versions[turn]}")
+        versions[turn] = json.loads(clients[turn].getresponse().read())["version"]
+        time.sleep(_POLL_S / pages)
 
 
 def _packets(encoder: Encoder, n: int) -> bytes:

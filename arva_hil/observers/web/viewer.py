@@ -83,7 +83,7 @@ class RecordedState(State):
         self._shown_s = time_s
         self._place(time_s)
         now = bisect.bisect_right(self._news, time_s, key=lambda event: event.time_s)
-        packets = [one.until(time_s) for one in self._packets]
+        packets = itertools.chain.from_iterable(one.until(time_s) for one in self._packets)
         self.update([*self._news[self._told : now], *packets, *self._report(time_s)])
         self._told = now
         for key, column in self._columns.items():
@@ -195,26 +195,21 @@ class _Packets:
     def __init__(self, recording: Recording, vehicle: str) -> None:
         self.vehicle = vehicle
         self.source: tuple[str, int] | None = None
-        self._times: list[float] = []
         self._by_kind: dict[int, tuple[list[float], list[Packet]]] = {kind: ([], []) for kind in USED}
         reader = PacketReader()
         with contextlib.suppress(RecordingError):  # of a log that cannot be read
             for time_s, kind, raw in packets(recording, vehicle):
-                self._times.append(time_s)
                 for packet in reader.feed(raw, time_s) if kind in USED else ():
                     self.source = vehicle, packet.system
                     times, every = self._by_kind[kind]
                     times.append(time_s)
                     every.append(packet)
 
-    def until(self, time_s: float) -> PacketsReceived:
-        """Return the newest packet of each kind, with the time of the newest packet of all."""
-        newest = list[Packet]()
+    def until(self, time_s: float) -> Iterator[Event]:
+        """Yield the newest packet of each kind."""
         for times, every in self._by_kind.values():
-            at = bisect.bisect_right(times, time_s)
-            newest += every[max(0, at - 1) : at]
-        at = bisect.bisect_right(self._times, time_s)
-        return PacketsReceived(self._times[at - 1] if at else 0.0, self.vehicle, newest)
+            if at := bisect.bisect_right(times, time_s):
+                yield PacketsReceived(times[at - 1], self.vehicle, [every[at - 1]])
 
 
 class _ReadingTexts:
