@@ -73,11 +73,7 @@ class NoiseSource:
 
     def draw(self, m: int) -> Array:
         """Return the next (m, 3), NED: see `draw_noise`."""
-        if m <= max(_AHEAD, len(self._ahead)):
-            return np.array(self.draw_few(m)).reshape(m, 3)
-        first = np.array(self._ahead).reshape(-1, 3)
-        self._ahead = []
-        return np.concatenate((first, draw_noise(self._rng, m - len(first), self._kind, self._bound)))
+        return np.array(self.draw_few(m)).reshape(m, 3)
 
     def draw_few(self, m: int) -> list[list[float]]:
         """Return `draw` as plain numbers."""
