@@ -20,8 +20,10 @@ from arva_hil.registry import FORMATS
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Command, CommandAnswer, Frame, HostForm
+from tests.every import every
 from tests.one_receiver import Diary, OneReceiver
 
+Answered = str | tuple[str, Sequence[int], str]  # the result, or with values and text
 HOME = (46.0123, 7.7456, 1650.0)
 TWO = """
 receiver: {noise: {kind: off}, rate_hz: %g}
@@ -72,6 +74,14 @@ class Bench:
         self.frames = frames
         return answer.result, answer.values, answer.text
 
+    def obeys(self, asked: Sequence[tuple[str, Answered, list[int] | None]]) -> None:
+        """Ask, and compare the answers, and what frames show after them."""
+        for command, wanted, shown in asked:
+            name, *values = command.split()
+            answer = self.ask(name, *map(int, values))
+            assert wanted in (answer, answer[0]), command
+            assert shown in (None, self.shown), command
+
     @property
     def counts(self) -> CommandCounters:
         commands = self.live.emulator.vehicles[0].units[0].port.commands
@@ -79,65 +89,69 @@ class Bench:
         return commands.counters
 
 
+OBEYED: list[tuple[str, Answered, list[int] | None]] = [  # a command, its answer, the transmitters in frames after it
+    ("mark 9", "done", [7]),
+    ("mark 200", "refused", None),
+    ("mark 11", "refused", None),  # it is there, and too far away
+    ("mark", "refused", None),
+    ("unmark 7", "refused", None),
+    ("unmark 9", "done", [9, 7]),
+    ("select 7", "done", [7]),
+    ("mark 7", "done", [9]),
+    ("select 7", "refused", None),
+    ("unmark", "done", None),
+    ("channels", ("done", (4,), ""), None),
+    ("channels 1", ("done", (1,), ""), None),
+    ("channels 0", "refused", None),
+    ("channels 17", "refused", None),
+    ("channels 2 2", "refused", None),
+    ("scan", "unknown", None),
+]
+
+
 @pytest.mark.parametrize("format", ["binary", "nmea"])
 def test_the_papers_receiver_obeys_its_host(format: str) -> None:
     bench = Bench(format)
     assert bench.ask("identify") == ("done", (4,), f"paper {__version__} {format}")
     assert bench.shown == [9, 7]
-    assert bench.ask("mark", 9)[0] == "done"
-    assert bench.shown == [7]
-    assert bench.ask("mark", 200)[0] == "refused"
-    assert bench.ask("mark", 11)[0] == "refused"  # it is there, and too far away
-    assert bench.ask("mark")[0] == "refused"
-    assert bench.ask("unmark", 7)[0] == "refused"
-    assert bench.ask("unmark", 9)[0] == "done"
-    assert bench.shown == [9, 7]
-    assert bench.ask("select", 7)[0] == "done"
-    assert bench.shown == [7]
-    assert bench.ask("mark", 7)[0] == "done"
-    assert bench.shown == [9]
-    assert bench.ask("select", 7)[0] == "refused"
-    assert bench.ask("unmark")[0] == "done"
-    assert bench.ask("channels") == ("done", (4,), "")
-    assert bench.ask("channels", 1) == ("done", (1,), "")
+    bench.obeys(OBEYED)
     assert [len(frame.channels) for frame in bench.frames[-2:]] == [1, 1]
     assert bench.frames[-1].status & 4  # more are heard
     assert bench.ask("identify")[1] == (1,)
-    for wrong in ((0,), (17,), (2, 2)):
-        assert bench.ask("channels", *wrong)[0] == "refused"
-    assert bench.ask("scan")[0] == "unknown"
-    assert bench.ask("mark", 9)[0] == "done"
-    assert bench.ask("restart")[0] == "done"
-    assert bench.shown == [9, 7]
+    bench.obeys([("mark 9", "done", None), ("restart", "done", [9, 7])])
     assert len(bench.frames[-1].channels) == 4
     assert bench.counts.commands == bench.number
     assert bench.counts.bytes_dropped == 0
 
 
-def test_a_command_that_nobody_knows_is_answered() -> None:
-    bench = Bench()
-    assert bench.ask("command-99", 1, 2) == ("unknown", (), "")
-    assert bench.ask("restart", 1) == ("refused", (), "")
-
-
-def test_models_that_listen_to_pulses_obey_what_they_know() -> None:
-    pulsed = Bench(model="pulsed")
-    assert pulsed.ask("identify")[2].startswith("pulsed ")
-    assert pulsed.ask("scan")[0] == "done"
-    assert pulsed.ask("search")[0] == "done"
-    assert pulsed.ask("mark", 200)[0] == "refused"
-    assert pulsed.ask("channels", 2) == ("done", (2,), "")
-    assert pulsed.ask("channels") == ("done", (2,), "")
-    rssi = Bench(model="rssi")
-    assert rssi.ask("channels") == ("done", (1,), "")  # whatever the scenario says
-    assert rssi.ask("mark", 7)[0] == "unknown"
-    assert [rssi.ask("restart", 1)[0], rssi.ask("restart")[0]] == ["refused", "done"]
-
-
-def test_plain_text_has_the_commands_of_nmea() -> None:
-    bench = Bench("text")
-    assert bench.ask("identify")[2] == f"paper {__version__} text"
-    assert bench.ask("mark", 9)[0] == "done"
+@every(
+    "format, model, identity, asked",
+    [
+        ("binary", "paper", "paper ", [("command-99 1 2", ("unknown", (), "")), ("restart 1", ("refused", (), ""))]),
+        ("text", "paper", f"paper {__version__} text", [("mark 9", "done")]),
+        (
+            "binary",
+            "pulsed",
+            "pulsed ",
+            [
+                *(("scan", "done"), ("search", "done"), ("mark 200", "refused")),
+                *(("channels 2", ("done", (2,), "")), ("channels", ("done", (2,), ""))),
+            ],
+        ),
+        (  # one channel, whatever the scenario says
+            "binary",
+            "rssi",
+            "rssi ",
+            [("channels", ("done", (1,), "")), ("mark 7", "unknown"), ("restart 1", "refused"), ("restart", "done")],
+        ),
+    ],
+)
+def test_formats_and_models_obey_what_they_know(
+    format: str, model: str, identity: str, asked: list[tuple[str, Answered]]
+) -> None:
+    bench = Bench(format, model=model)
+    assert bench.ask("identify")[2].startswith(identity)
+    bench.obeys([(command, answer, None) for command, answer in asked])
 
 
 def test_a_restart_begins_the_count_of_frames_anew_and_none_is_lost() -> None:

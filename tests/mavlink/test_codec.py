@@ -136,14 +136,6 @@ def test_garbage_that_looks_like_the_start_of_a_packet_hides_none(
     assert [p.raw for p in found] == [p for _, p in pairs]
 
 
-def test_flags_and_an_id_that_nobody_knows_hide_no_packet() -> None:
-    garbage = b"\xfd\x01\xfe"  # with what follows it would be a packet of a later MAVLink with an unknown message
-    raw = b"\xfe\x04M\x1a\x92\xb3\xe4\xf8\xddZ\xfd\xd4"
-    found, parser = parse(garbage + raw + bytes(LONGEST))
-    assert [p.raw for p in found] == [raw]
-    assert parser.incompatible == 0
-
-
 @given(st.lists(packets() | nasty, max_size=8), st.lists(st.integers(0, 5000), max_size=10))
 def test_every_byte_is_in_a_packet_or_skipped_or_waiting(parts: list[bytes], at: list[int]) -> None:
     stream = b"".join(parts)
@@ -174,50 +166,11 @@ def test_what_a_packet_says_of_itself() -> None:
     ]
 
 
-@pytest.mark.parametrize(("signed", "length"), [(False, 10 + 9 + 2), (True, 10 + 9 + 2 + 13)])
-def test_a_signature_belongs_to_its_packet(signed: bool, length: int) -> None:
-    first = packet(HEARTBEAT, bytes(9), signed=signed)
-    found, parser = parse(first + good())
-    assert [len(p.raw) for p in found] == [length, len(good())]
-    assert found[0].signed is signed
-    assert parser.skipped == 0
-
-
-def test_a_packet_with_a_flag_nobody_knows_is_dropped() -> None:
-    strange = packet(HEARTBEAT, bytes(9), flags=2)
-    found, parser = parse(strange + good())
-    assert [p.raw for p in found] == [good()]
-    assert (parser.incompatible, parser.skipped) == (1, len(strange))
-
-
-@pytest.mark.parametrize("version", [1, 2])
-def test_a_bad_checksum_is_counted_and_the_next_packet_found(version: int) -> None:
-    bad = bytearray(packet(HEARTBEAT, bytes(9), version))
-    bad[-3] ^= 0x10
-    found, parser = parse(good() + bytes(bad) + good(2))
-    assert [p.raw for p in found] == [good()] * 3
-    assert (parser.bad_crc, parser.skipped) == (1, len(bad))
-
-
 @given(st.integers(10, 39), st.integers(1, 30))
 def test_bytes_lost_behind_the_header_cost_one_packet(start: int, lost: int) -> None:
     whole = packet(30, bytes(range(1, 29)))
     found, _ = parse(good() + whole[:start] + whole[start + lost :] + good(20))
     assert [p.raw for p in found] == [good()] * 21
-
-
-@pytest.mark.parametrize(("msgid", "version"), [(UNKNOWN, 2), (UNKNOWN_V1, 1), (UNKNOWN_V1, 2)])
-def test_an_unknown_message_is_a_packet_when_another_follows_or_nothing(msgid: int, version: int) -> None:
-    unknown = packet(msgid, b"hello", version)
-    found, _ = parse(unknown + good() + unknown)
-    assert [(p.raw, p.known) for p in found] == [(unknown, False), (good(), True), (unknown, False)]
-    assert decode(found[0]) is None
-
-
-def test_an_unknown_message_with_garbage_behind_it_is_garbage() -> None:
-    found, parser = parse(packet(UNKNOWN, b"hello") + b"\0" + good())
-    assert [p.raw for p in found] == [good()]
-    assert parser.skipped == 12 + 5 + 1
 
 
 # -- heads that cannot be verified ---------------------------------------------------------------------------
@@ -228,37 +181,114 @@ def false_head(length: int = 255, magic: int = 0xFD, flags: int = 0) -> bytes:
     return bytes([magic, length, flags, 0, 77, 1, 1]) + UNKNOWN.to_bytes(3, "little")
 
 
-def test_a_damaged_packet_of_mavlink_1_with_the_other_magic_as_its_number_costs_only_itself() -> None:
-    head = bytes([28, 0xFD, 255, 0, 30])  # from 255/0: read from its number on it is 267 bytes long
-    damaged = b"\xfe" + head + bytes(28) + (x25crc(head + bytes(28) + b"\x00").crc ^ 1).to_bytes(2, "little")
-    filled = packet(30, bytes(range(1, 29)))
-    stream = good() + damaged + filled * 12
-    for found, parser in (parse(stream), parse(*(stream[k : k + 1] for k in range(len(stream))))):
-        assert [p.raw for p in found] == [good()] + [filled] * 12
-        assert parser.skipped == len(damaged)
+def damaged(version: int) -> bytes:
+    """A packet with a bit of its checksum wrong."""
+    raw = bytearray(packet(HEARTBEAT, bytes(9), version))
+    raw[-3] ^= 0x10
+    return bytes(raw)
 
 
-@pytest.mark.parametrize("behind", [b"", b"\xfe", b"\xfd"])
-@pytest.mark.parametrize("count", [1, 5])
-def test_an_unknown_head_hides_no_packet_that_can_be_verified(behind: bytes, count: int) -> None:
-    """Also where its length leads to the start of a packet or the end of what there is."""
-    inside = good(count)
-    head = false_head(len(inside) + 30)
-    stream = head + inside + bytes(32) + behind
-    found, _ = parse(stream, bytes(LONGEST))
-    assert [p.raw for p in found] == [good()] * count
+SIGNED = packet(HEARTBEAT, bytes(9), signed=True)
+KNOWN_TO_HIDE = b"\xfe\x04M\x1a\x92\xb3\xe4\xf8\xddZ\xfd\xd4"
+LATER = packet(HEARTBEAT, bytes(9), flags=2)
+FILLED = packet(30, bytes(range(1, 29)))
+MAGIC = packet(30, b"\xfe" * 28)
+LONG = packet(UNKNOWN, b"\xfd\xfe" * 127)
+OTHER_MAGIC = bytes([28, 0xFD, 255, 0, 30])  # from 255/0: read from its number on it is 267 bytes long
+HURT = b"\xfe" + OTHER_MAGIC + bytes(28) + (x25crc(OTHER_MAGIC + bytes(29)).crc ^ 1).to_bytes(2, "little")
+KNOWS_NOBODY = [packet(UNKNOWN, b"hello"), packet(UNKNOWN_V1, b"hello", 1), packet(UNKNOWN_V1, b"hello")]
+TAIL = bytes(LONGEST)
 
 
-def test_a_packet_behind_an_unknown_head_is_there_with_its_last_byte() -> None:
-    parser = Parser()
-    assert parser.feed(false_head() + good()[:-1]) == []
-    assert [p.raw for p in parser.feed(good()[-1:])] == [good()]
-
-
-def test_an_unknown_head_hides_no_packet_that_ends_behind_its_own_end() -> None:
-    filled = packet(30, b"\xfe" * 28)
-    found, _ = parse(false_head(20) + bytes(8) + filled + good())  # its end is at one of the 0xFE
-    assert [p.raw for p in found] == [filled, good()]
+@every(
+    "promise, chunks, found, counted",
+    [
+        ("a signature belongs to its packet", [SIGNED + good()], [SIGNED, good()], {}),
+        (
+            "a packet with a flag nobody knows is dropped",
+            [LATER + good()],
+            [good()],
+            {"incompatible": 1, "skipped": len(LATER)},
+        ),
+        *(
+            (
+                "a bad checksum is counted and the next packet found",
+                [good() + damaged(version) + good(2)],
+                [good()] * 3,
+                {"bad_crc": 1, "skipped": len(damaged(version))},
+            )
+            for version in (1, 2)
+        ),
+        *(
+            (
+                "an unknown message is a packet when another follows or nothing",
+                [one + good() + one],
+                [one, good(), one],
+                {},
+            )
+            for one in KNOWS_NOBODY
+        ),
+        (
+            "an unknown message with garbage behind it is garbage",
+            [KNOWS_NOBODY[0] + b"\0" + good()],
+            [good()],
+            {"skipped": 12 + 5 + 1},
+        ),
+        ("unknown messages without a packet inside are given out however long", [LONG * 20], [LONG] * 20, {}),
+        (  # with what follows its garbage would be a packet of a later MAVLink with an unknown message
+            "flags and an id that nobody knows hide no packet",
+            [b"\xfd\x01\xfe" + KNOWN_TO_HIDE + TAIL],
+            [KNOWN_TO_HIDE],
+            {"bad_crc": None, "skipped": 3 + len(TAIL)},
+        ),
+        (
+            "flags and an id that nobody knows hold up nothing",
+            [false_head(flags=2) + good()],
+            [good()],
+            {"skipped": 10},
+        ),
+        *(
+            (
+                "a damaged packet of MAVLink 1 with the other magic as its number costs only itself",
+                chunks,
+                [good()] + [FILLED] * 12,
+                {"bad_crc": None, "skipped": len(HURT)},
+            )
+            for stream in [good() + HURT + FILLED * 12]
+            for chunks in ([stream], [stream[k : k + 1] for k in range(len(stream))])
+        ),
+        *(  # also where its length leads to the start of a packet or the end of what there is
+            (
+                "an unknown head hides no packet that can be verified",
+                [false_head(len(good(count)) + 30) + good(count) + bytes(32) + behind, TAIL],
+                [good()] * count,
+                {"bad_crc": None, "skipped": None},
+            )
+            for count in (1, 5)
+            for behind in (b"", b"\xfe", b"\xfd")
+        ),
+        (
+            "a packet behind an unknown head is there with its last byte",
+            [false_head() + good()[:-1], good()[-1:]],
+            [good()],
+            {"skipped": 10},
+        ),
+        (  # the head's end is at one of the 0xFE
+            "an unknown head hides no packet that ends behind its own end",
+            [false_head(20) + bytes(8) + MAGIC + good()],
+            [MAGIC, good()],
+            {"skipped": 18},
+        ),
+    ],
+)
+def test_packets_that_are_found(promise: str, chunks: list[bytes], found: list[bytes], counted: dict[str, Any]) -> None:
+    packets, parser = parse(*chunks)
+    assert [p.raw for p in packets] == found
+    assert all(p.known == (p.msgid in dialect.mavlink_map) for p in packets)
+    assert all(decode(p) is None for p in packets if not p.known)
+    assert all(p.signed == (p.raw == SIGNED) for p in packets)
+    for name in ("bad_crc", "skipped", "incompatible"):
+        assert counted.get(name, 0) in (None, getattr(parser, name)), name
 
 
 @pytest.mark.parametrize(("flags", "found"), [(0, 1), (2, 0)])
@@ -268,11 +298,6 @@ def test_a_packet_inside_a_known_message_is_a_part_of_it_wherever_that_is_cut(fl
         packets, parser = parse(outer[:at], outer[at:] + good())
         assert [p.raw for p in packets] == [outer] * found + [good()]
         assert parser.incompatible == 1 - found
-
-
-def test_flags_and_an_id_that_nobody_knows_hold_up_nothing() -> None:
-    parser = Parser()
-    assert [p.raw for p in parser.feed(false_head(flags=2) + good())] == [good()]
 
 
 def test_the_end_of_a_record_is_the_end_of_its_packets() -> None:
@@ -291,13 +316,6 @@ def test_records_are_read_one_by_one_whatever_was_in_the_one_before(parts: list[
     for part, found in zip(parts, each, strict=True):
         assert Parser().feed(part, whole=True) == found
     assert sum(len(p.raw) for found in each for p in found) + parser.skipped == sum(map(len, parts))
-
-
-def test_unknown_messages_without_a_packet_inside_are_given_out_however_long() -> None:
-    unknown = packet(UNKNOWN, b"\xfd\xfe" * 127)
-    found, parser = parse(unknown * 20)
-    assert [p.raw for p in found] == [unknown] * 20
-    assert parser.skipped == 0
 
 
 # -- reading -----------------------------------------------------------------------------------------------
