@@ -8,6 +8,7 @@ message is DENIED, and the old rate stays.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from arva_hil.clock import Clock
@@ -108,6 +109,20 @@ class Truth(NamedTuple):
     lla: Vector  # degrees, degrees, metres above mean sea level
 
 
+@dataclass
+class _Boot:
+    """What the vehicle forgets at a reboot."""
+
+    at: int
+    """Its time, µs since the origin."""
+    encoder: Encoder
+    parsers: dict[int, Parser] = field(default_factory=dict)
+    """By link: the streams of two links must not be mixed."""
+    heard: bool = False
+    """True after something was received: some messages are sent only then."""
+    was_armed: bool = False
+
+
 class SimulatedVehicle:
     """Remembers a flight and the requested messages. Times are seconds on the caller's clock and never go back.
 
@@ -149,14 +164,10 @@ class SimulatedVehicle:
         self._rates = MessageRates(streams or {})
         self._now = 0  # µs since the origin, like all times inside
         self._outbox = bytearray()
-        self._boot(0)
+        self._start(0)
 
-    def _boot(self, at: int) -> None:
-        self._boot_at = at
-        self._encoder = Encoder(self.system, _COMPONENT, self.version, self._signing)
-        self._parsers: dict[int, Parser] = {}  # by link: the streams of two links must not be mixed
-        self._heard = False  # some messages are sent only after something was received
-        self._was_armed = False
+    def _start(self, at: int) -> None:
+        self._boot = _Boot(at, Encoder(self.system, _COMPONENT, self.version, self._signing))
         self._pilot.disarm(force=True)
         self._pilot.set_mode(Mode.STABILIZE)
         self._pilot.ready = False
@@ -167,11 +178,11 @@ class SimulatedVehicle:
         self._advance(self._us(now))
         if self._signing:
             self._signing.advance(now)
-        parser = self._parsers.setdefault(link, Parser())
+        parser = self._boot.parsers.setdefault(link, Parser())
         for packet in parser.feed(chunk):
             if self._signing and self._signing.judge(packet):
                 continue
-            self._heard = True
+            self._boot.heard = True
             if (handler := _HANDLERS.get(packet.msgid)) is None or (message := decode(packet)) is None:
                 continue
             system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
@@ -214,7 +225,7 @@ class SimulatedVehicle:
     def reboot(self, now: float) -> None:
         """Restart: disarmed (in the air it falls), STABILIZE, without a fix and streams, `time_boot_ms` 0."""
         self._advance(self._us(now))
-        self._boot(self._now)
+        self._start(self._now)
 
     def trigger(self, failsafe: Failsafe, now: float) -> None:
         """Trigger a failsafe now. On the ground it only sends the text."""
@@ -246,24 +257,25 @@ class SimulatedVehicle:
 
     def _emit_events(self) -> None:
         pilot = self._pilot
-        if pilot.ready and self._was_armed == pilot.armed:
+        boot = self._boot
+        if pilot.ready and boot.was_armed == pilot.armed:
             return
-        armed, self._was_armed = self._was_armed != pilot.armed, pilot.armed
-        fixed = not pilot.ready and self._now >= self._boot_at + self._fix_us
+        armed, boot.was_armed = boot.was_armed != pilot.armed, pilot.armed
+        fixed = not pilot.ready and self._now >= boot.at + self._fix_us
         pilot.ready |= fixed
-        if not self._heard:
+        if not boot.heard:
             return
         if armed:
             text = b"Arming motors" if pilot.armed else b"Disarming motors"
             self._send(dialect.MAVLink_statustext_message(dialect.MAV_SEVERITY_INFO, text))
         if fixed or (armed and pilot.armed):
-            at = self._boot_at + self._fix_us if fixed else self._now
+            at = boot.at + self._fix_us if fixed else self._now
             self._send(BUILDERS[_HOME_POSITION](self._report(at)))
 
     def _report(self, at: int) -> VehicleReport:
         """Return the values for messages at an instant, rounded down to the milliseconds of its time stamp."""
-        boot_ms = (at - self._boot_at) // 1000
-        at = self._boot_at + boot_ms * 1000
+        boot_ms = (at - self._boot.at) // 1000
+        at = self._boot.at + boot_ms * 1000
         motion = self._pilot.motion.at(at)
         self._pilot.error = north, east, down = self._error.at(at)
         n, e, d = motion.position
@@ -271,7 +283,7 @@ class SimulatedVehicle:
 
     def _send(self, message: Message | None) -> None:
         if message is not None:
-            self._outbox += self._encoder.pack(message)
+            self._outbox += self._boot.encoder.pack(message)
 
     def _on_command(self, message: Message, packet: Packet) -> None:
         command = message.command
@@ -311,7 +323,7 @@ class SimulatedVehicle:
 
     def _on_timesync(self, message: Message, _: Packet) -> None:
         if message.tc1 == 0:
-            boot_ns = (self._now - self._boot_at) * 1000
+            boot_ns = (self._now - self._boot.at) * 1000
             self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
 
     def _on_terrain_check(self, message: Message, _: Packet) -> None:

@@ -125,20 +125,79 @@ def probing_order(victims: list[Victim]) -> tuple[Victim, ...]:
     return tuple(sorted(victims, key=lambda victim: (not victim.sure, victim.sigma, victim.time_s)))
 
 
+class Marks:
+    """The receiver's marks on places, by their numbers. `host`: commands to the receiver, None if it takes none."""
+
+    def __init__(self, host: ReceiverHost | None, emit: Callable[[Event], None]) -> None:
+        self._host = host
+        self._emit = emit
+        self._ids: dict[int, int] = {}  # of the transmitters
+        self._asked = 0  # the place of the last command
+        self._due: dict[int, float] = {}  # places to mark, and the time of the next try
+        self._tried: dict[int, float] = {}  # the time of the last try
+        self._tries = 0  # tries to mark the newest place
+        if host is not None:
+            host.ask(IDENTIFY)
+
+    def begin(self, number: int, id_: int, time_s: float) -> None:
+        """Mark a place, above which the vehicle hovers."""
+        if self._host is not None and id_ != NO_ID:
+            self._ids[number] = id_
+            self._due[number], self._tries = time_s, 0
+
+    def again(self, number: int) -> None:
+        """Mark a place again, whose mark is lost."""
+        if self._host is not None:
+            self._due.setdefault(number, self._tried.get(number, -math.inf) + _AGAIN_S)
+
+    def settling(self, newest: int) -> bool:
+        """Return True while the search waits for the receiver above the newest place."""
+        return self._host is not None and newest in self._due and self._tries < _MOST_TRIES
+
+    def serve(self, time_s: float, newest: int) -> list[int]:
+        """Send the next commands to the receiver, and use its answers. Returns the places that it has marked."""
+        answered = self._host.poll(time_s) if self._host else ()
+        marked = [self._asked for asked in answered if self._is_done(asked, time_s, newest)]
+        due = [number for number, at_s in self._due.items() if at_s <= time_s]
+        if self._host is not None and due and not self._host.busy:
+            self._asked = number = max(due)
+            self._due[number], self._tried[number] = math.inf, time_s
+            self._host.ask(MARK, self._ids[number])
+        return marked
+
+    def _is_done(self, asked: Asked, time_s: float, newest: int) -> bool:
+        """Use an answer. Returns True if the place is marked."""
+        (_, name, _), answer = asked
+        if answer is None or (answer.result == UNKNOWN and name == MARK):
+            self._host = None
+            self._emit(MarksNotTaken(time_s, "no answer" if answer is None else answer.result))
+            return False
+        if name == IDENTIFY:
+            channels = answer.values[0] if answer.values else None
+            self._emit(ReceiverKnown(time_s, answer.text or "one without a name", channels))
+            return False
+        done = answer.result == DONE
+        if not done and self._asked == newest and self._tries < _MOST_TRIES:
+            self._tries += 1
+            self._due[newest] = time_s + _NEXT_TRY_S
+        else:
+            self._due.pop(self._asked, None)
+        return done
+
+
 class Victims:
     """The transmitters found, with their ids and marks, and those that are postponed.
 
-    `wanted`: the number to find, None: all. `several`: it is not 1. `host`: commands to the receiver, None if it takes
-    none. `emit` gets the events. `moving`: the last tracks of transmitters that move, by id.
+    `wanted`: the number to find, None: all. `host`: commands to the receiver, None if it takes none. `emit` gets the
+    events. `moving`: the last tracks of transmitters that move, by id.
     """
 
     def __init__(self, wanted: int | None, host: ReceiverHost | None, emit: Callable[[Event], None]) -> None:
         self.wanted = wanted
-        self.several = wanted != 1
         self.places: list[Victim] = []
         self.moving: dict[int, Track] = {}
         self.unreported = False  # a place is added, and not reported yet
-        self._host = host
+        self._marks = Marks(host if self.several else None, emit)
         self._emit = emit
         self._known: dict[int, int] = {}  # index of the place by id
         self._together: set[frozenset[int]] = set()  # ids of one frame: they are of different transmitters
@@ -148,11 +207,11 @@ class Victims:
         self._doubted: set[int] = set()
         self._explained = Explained()
         self._more = False
-        self._tries = 0  # tries to mark the newest place
-        self._due: dict[int, float] = {}  # places to mark, and the time of the next try
-        self._tried: dict[int, float] = {}  # the time of the last try
-        if host is not None and self.several:
-            host.ask(IDENTIFY)
+
+    @property
+    def several(self) -> bool:
+        """True if more than one is searched for."""
+        return self.wanted != 1
 
     @property
     def enough(self) -> bool:
@@ -190,8 +249,8 @@ class Victims:
             if self.places[number].marked:
                 self.places[number] = replace(self.places[number], marked=False)
                 self._emit(MarkLost(time_s, channel.id, number + 1))
-            if channel.d <= _NEAR_CM and self._host is not None:
-                self._due.setdefault(number, self._tried.get(number, -math.inf) + _AGAIN_S)
+            if channel.d <= _NEAR_CM:
+                self._marks.again(number)
 
     def explain(self, observation: Observation) -> bool:
         """Return True if a reading without an id is of a transmitter that is found."""
@@ -206,7 +265,7 @@ class Victims:
             if apart < max(_LEAST_M, _WITHIN * sigma) and not together:
                 self._know(id_, number)
                 self._emit(VictimAgain(time_s, id_of(id_), number + 1, apart))
-                self._mark(number, time_s)
+                self._marks.begin(number, victim.id, time_s)
                 return True
         return False
 
@@ -259,7 +318,7 @@ class Victims:
         self._know(victim.id, len(self.places) - 1)
         if dipole is not None:
             self._explained.add(dipole)
-        self._mark(len(self.places) - 1, time_s)
+        self._marks.begin(len(self.places) - 1, victim.id, time_s)
 
     def report(self, heard: Iterable[int], time_s: float) -> None:
         """Report the newest place, and the transmitters left of those `heard`."""
@@ -274,42 +333,12 @@ class Victims:
     @property
     def settling(self) -> bool:
         """True while the search waits for the receiver above the newest place."""
-        return self._host is not None and len(self.places) - 1 in self._due and self._tries < _MOST_TRIES
+        return self._marks.settling(len(self.places) - 1)
 
     def serve(self, time_s: float) -> None:
         """Send the next commands to the receiver, and use its answers."""
-        if self._host is None:
-            return
-        for asked in self._host.poll(time_s):
-            self._answered(asked, time_s)
-        due = [number for number, at_s in self._due.items() if at_s <= time_s]
-        if self._host is not None and due and not self._host.busy:
-            number = max(due)
-            self._due[number], self._tried[number] = math.inf, time_s
-            self._host.ask(MARK, self.places[number].id)
-
-    def _answered(self, asked: Asked, time_s: float) -> None:
-        (_, name, values), answer = asked
-        if answer is None or (answer.result == UNKNOWN and name == MARK):
-            self._host = None
-            self._emit(MarksNotTaken(time_s, "no answer" if answer is None else answer.result))
-        elif name == IDENTIFY:
-            self._emit(
-                ReceiverKnown(time_s, answer.text or "one without a name", answer.values[0] if answer.values else None)
-            )
-        elif answer.result == DONE:
-            number = self._known[values[0]]
+        for number in self._marks.serve(time_s, len(self.places) - 1):
             self.places[number] = replace(self.places[number], marked=True)
-            self._due.pop(number, None)
-        elif (number := self._known[values[0]]) == len(self.places) - 1 and self._tries < _MOST_TRIES:
-            self._tries += 1
-            self._due[number] = time_s + _NEXT_TRY_S
-        else:
-            self._due.pop(number, None)
-
-    def _mark(self, number: int, time_s: float) -> None:
-        if self._host is not None and self.places[number].id != NO_ID:
-            self._due[number], self._tries = time_s, 0
 
     def _know(self, id_: int, number: int) -> None:
         if id_ != NO_ID:

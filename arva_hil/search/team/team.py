@@ -69,7 +69,6 @@ class Teammate:
         self._send = send
         self._field = field
         self._origin: LocalFrame | None = None
-        self._alt = 0.0  # of its take-off point
         self._raised_m = 0.0  # above the lowest layer
         self._part: int | None = number  # that it searches
         self._flown: set[int] = set()
@@ -136,7 +135,7 @@ class Teammate:
 
     def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
         """Return the plan with the team's area as it is seen from the take-off point."""
-        self._speed, self._origin, self._alt = plan.speed, origin, float(origin.lla([0.0, 0.0, 0.0])[2])
+        self._speed, self._origin = plan.speed, origin
         plan = plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
         self._area = plan.area
         return plan
@@ -332,7 +331,8 @@ class Teammate:
     def _seen(self, lat: float, lon: float) -> tuple[float, float]:
         """Return a place from the own take-off point."""
         assert self._origin is not None
-        north, east, _ = (float(value) for value in self._origin.ned(lat, lon, self._alt))
+        alt = float(self._origin.lla([0.0, 0.0, 0.0])[2])
+        north, east, _ = (float(value) for value in self._origin.ned(lat, lon, alt))
         return north, east
 
 
