@@ -26,7 +26,7 @@ from arva_hil.links.url import Address, place
 from arva_hil.observers.console import Printer
 from arva_hil.records.fitting import FitError
 from arva_hil.records.fitting.noise_levels import LISTENS_TO_MOTORS, noise_levels, noise_profile
-from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceiverLog, Surveyed, surveyed_scenario
+from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceivedFrames, ReceiverLog, Surveyed, surveyed_scenario
 from arva_hil.records.writing import Recorder, RecordError, RecordLayout
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience
@@ -106,8 +106,7 @@ def receiver_log(
     return ReceiverLog(
         scenario,
         session,
-        form.decoder(),
-        numbered=form.numbered,
+        ReceivedFrames(form.decoder(), numbered=form.numbered),
         start=start,
         timeout_s=timeout,
         max_age_s=options.max_age,
@@ -140,14 +139,14 @@ class Ending:
 
     def finish(self, code: int, counts: dict[str, int]) -> int:
         """Close the record and print its content. Returns the exit code; raises Failure if something is missing."""
-        log, d = self._log, self._log.decoder
+        log, d = self._log, self._log.received.decoder
         lacks = self._lacks()
         if lacks and code == OK:
             code = NO_LINK if log.missing else FAILED
         self.close(code, "; ".join(lacks) or "finished", counts)
         tell(
             f"{log.frames} frames, {log.no_pose} without a pose, {d.lost} lost, {d.bad_crc} bad checksums, "
-            f"{d.dropped} bytes dropped, {log.restarts} restarts"
+            f"{d.dropped} bytes dropped, {log.received.restarts} restarts"
         )
         if lacks:
             raise Failure(code, *lacks)
@@ -178,10 +177,10 @@ class Ending:
 
 def doubt(log: ReceiverLog, format: str) -> str:
     """Return the likely reason for missing frames."""
-    if not log.first_bytes:
+    if not log.received.first_bytes:
         return "the receiver has sent nothing: is it the right port, and is the receiver on?"
-    guess = guess_format(log.first_bytes, format)
-    return f"no {format} frame in {len(log.first_bytes)} bytes, which are kept for `arva-hil decode`: {guess}"
+    guess = guess_format(log.received.first_bytes, format)
+    return f"no {format} frame in {len(log.received.first_bytes)} bytes, which are kept for `arva-hil decode`: {guess}"
 
 
 class _Watch:
@@ -200,7 +199,7 @@ class _Watch:
         self._until = now + _SILENT_S if self._until is None else self._until
         if now >= self._until:
             self._until = float("inf")
-            if not self._log.decoder.good:
+            if not self._log.received.decoder.good:
                 self._printer.say(f"warning: no frame for {_SILENT_S:g} s: {doubt(self._log, self._format)}")
         return now + _LOOK_S
 

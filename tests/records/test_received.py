@@ -15,7 +15,7 @@ from arva_hil.config import DEFAULT
 from arva_hil.events import BytesSent, FrameMade, HeartbeatMissing, ReceiverRestarted
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.reading import RecordingError, load
-from arva_hil.records.received import RECEIVER, KeptBytes, ReceiverLog, Surveyed, surveyed_scenario
+from arva_hil.records.received import RECEIVER, KeptBytes, ReceivedFrames, ReceiverLog, Surveyed, surveyed_scenario
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.rehearsed import rehearse
 from tools.real.rehearsal import EPOCH_US, HOME, Waypoint
@@ -26,7 +26,9 @@ QUIET = replace(DEFAULT, receiver=replace(DEFAULT.receiver, noise=replace(DEFAUL
 
 
 def log_of() -> ReceiverLog:
-    return ReceiverLog(surveyed_scenario([]), Session(passive=True), Decoder(), numbered=True, start=0.0, timeout_s=5.0)
+    return ReceiverLog(
+        surveyed_scenario([]), Session(passive=True), ReceivedFrames(Decoder(), numbered=True), start=0.0, timeout_s=5.0
+    )
 
 
 def test_a_record_has_each_frame_with_its_pose_and_the_range_of_a_surveyed_place(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import Event
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import LocalFrame
-from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceiverLog, Surveyed, surveyed_scenario
+from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceivedFrames, ReceiverLog, Surveyed, surveyed_scenario
 from arva_hil.records.writing import Recorder, RecordLayout
 from arva_hil.registry import FORMATS
 from arva_hil.simulated import HOME
@@ -87,7 +87,7 @@ def rehearse(
     form = FORMATS[scenario.output_format]
     emulator = Emulator([one_vehicle(scenario, Session(passive=True))], start=0.0, tell_status=False)
     places = surveyed_scenario(surveyed)
-    log = ReceiverLog(places, Session(passive=True), form.decoder(), numbered=form.numbered, start=0.0)
+    log = ReceiverLog(places, Session(passive=True), ReceivedFrames(form.decoder(), numbered=form.numbered), start=0.0)
     about = {"source": "receiver", "format": scenario.output_format, "scenario": to_dict(places) if surveyed else None}
     recorder = Recorder(folder, EPOCH_US, about, patient=True, layout=RecordLayout(real=True))
 

@@ -51,44 +51,69 @@ class _Waiting(NamedTuple):
     frame: Frame
 
 
+class ReceivedFrames:
+    """The frames of a receiver that wait for their poses.
+
+    - `decoder`: of the receiver's format. `numbered`: the frames have sequence numbers.
+    - `restarts`: number of restarts of the receiver. `first_bytes`: those that came before the first frame.
+    """
+
+    def __init__(self, decoder: FrameDecoder, *, numbered: bool) -> None:
+        self.decoder = decoder
+        self.restarts = 0
+        self.first_bytes = b""
+        self.waiting: deque[_Waiting] = deque()
+        self._numbered = numbered
+        self._before: _Waiting | None = None
+
+    def feed(self, data: bytes, now: float, at: float) -> list[Event]:
+        """Use bytes that came at `at`, decoded at `now`. Returns the events."""
+        frames = self.decoder.feed(data, now)
+        events: list[Event] = [BytesSent(at, *_ABOUT, data)] if data else []
+        if not self.decoder.good:
+            self.first_bytes += data[: SAMPLE_BYTES - len(self.first_bytes)]
+        for frame in frames:
+            came = _Waiting(at, frame)
+            if self._numbered and self._before and _restarted(self._before, came):
+                self.restarts += 1
+                events.append(ReceiverRestarted(at, *_ABOUT, self._before.frame.sequence, frame.sequence))
+            self._before = came
+            self.waiting.append(came)
+        return events
+
+
 class ReceiverLog:
     """Remembers the vehicle, the frames that wait for their poses, and the faults.
 
     - `scenario`: the surveyed transmitters, and the mount. `session`: follows the vehicle.
-    - `decoder`: of the receiver's format. `numbered`: the frames have sequence numbers.
+    - `received`: the receiver's frames.
     - `start`: of the record. `timeout_s`: without a heartbeat, until there is an event.
     - `max_age_s`: an older pose is not used.
 
-    Counters: `frames`, `no_pose` (frames without a pose), `restarts` (of the receiver). `first_bytes`: those that came
-    before the first frame.
+    Counters: `frames`, `no_pose` (frames without a pose).
     """
 
     def __init__(
         self,
         scenario: Scenario,
         session: Session,
-        decoder: FrameDecoder,
+        received: ReceivedFrames,
         *,
-        numbered: bool,
         start: float,
         timeout_s: float = math.inf,
         max_age_s: float = 2.0,
     ) -> None:
         self.options = EngineOptions(_PATIENCE_S, tell_packets=True, tell_status=True, needs_times=True)
         self.session = session
-        self.decoder = decoder
+        self.received = received
         self.world = VehicleWorld(
             VehicleSetup(_ABOUT[0], AUTOPILOT, session, scenario, ()), {}, start=start, max_age_s=max_age_s
         )
-        self.frames = self.no_pose = self.restarts = 0
-        self.first_bytes = b""
+        self.frames = self.no_pose = 0
         self.missing = False  # no heartbeat came in time
         self._mounting = Mounting(scenario)
-        self._numbered = numbered
         self._start = self._now = start
         self._missing_from = start + timeout_s
-        self._waiting: deque[_Waiting] = deque()
-        self._before: _Waiting | None = None
         self._last: FrameMade | None = None
         self._next_status = start
         self._events: list[Event] = []
@@ -155,8 +180,8 @@ class ReceiverLog:
 
     def counts(self) -> dict[str, int]:
         """Return counters by name."""
-        d = self.decoder
-        of_frames = {"frames": self.frames, "no_pose": self.no_pose, "restarts": self.restarts, "lost": d.lost}
+        d, restarts = self.received.decoder, self.received.restarts
+        of_frames = {"frames": self.frames, "no_pose": self.no_pose, "restarts": restarts, "lost": d.lost}
         return {**of_frames, "bad_crc": d.bad_crc, "bytes_dropped": d.dropped, **self.session.counts()}
 
     def _status(self) -> StatusReport:
@@ -167,22 +192,11 @@ class ReceiverLog:
         return StatusReport(now, [VehicleStatus(_ABOUT[0], label, session.rates(now), [receiver], (), source)])
 
     def _on_receiver(self, data: bytes, now: float) -> None:
-        frames = self.decoder.feed(data, now)
         at = min(now, self._now) if math.isinf(now) else now
-        if data:
-            self._events.append(BytesSent(at, *_ABOUT, data))
-        if not self.decoder.good:
-            self.first_bytes += data[: SAMPLE_BYTES - len(self.first_bytes)]
-        for frame in frames:
-            came = _Waiting(at, frame)
-            if self._numbered and self._before and _restarted(self._before, came):
-                self.restarts += 1
-                self._events.append(ReceiverRestarted(at, *_ABOUT, self._before.frame.sequence, frame.sequence))
-            self._before = came
-            self._waiting.append(came)
+        self._events += self.received.feed(data, now, at)
 
     def _make_frames(self, now: float, *, final: bool = False) -> None:
-        waiting = self._waiting
+        waiting = self.received.waiting
         while waiting and (final or self.world.is_known(waiting[0].t) or now - waiting[0].t >= _PATIENCE_S):
             came = waiting.popleft()
             seen = self.world.at(came.t)
