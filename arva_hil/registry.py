@@ -264,6 +264,7 @@ FAULTS: Final = Registry(
         "silence": "arva_hil.emulator.faults.sending:SILENCE",
         "drop": "arva_hil.emulator.faults.sending:DROP",
         "self_test": "arva_hil.emulator.faults.sending:SELF_TEST",
+        "impulses": "arva_hil.emulator.faults.sending:IMPULSES",
         "sequence": "arva_hil.emulator.faults.sending:SEQUENCE",
         "duplicate": "arva_hil.emulator.faults.sending:DUPLICATE",
         "delay_s": "arva_hil.emulator.faults.sending:DELAY",

@@ -184,11 +184,12 @@ def _other(seed: int, model: str) -> Scenario:
 
 
 def _empty(seed: int) -> World:
-    """Nobody sends within 2 km, and the drone is loud: all readings are noise."""
+    """Nobody sends within 2 km, and the drone is loud: all readings are noise and ghost signals."""
     base = _other(seed, "other_noise")
     options = replace(_options("pulsed"), noise_na_m=math.exp(random.Random(f"empty {seed}").uniform(1, 5)))
     far = replace(base.transmitters[0], ned=(2000.0, 0.0, 0.0))
-    scenario = replace(base, transmitters=(far,), receiver=replace(base.receiver, options=options))
+    ghosts = Fault("impulses", round(math.exp(random.Random(f"ghosts {seed}").uniform(-4, 0)), 3))
+    scenario = replace(base, transmitters=(far,), receiver=replace(base.receiver, options=options), faults=(ghosts,))
     return World(scenario, limit_s=240.0, area_m=20.0)
 
 

@@ -362,6 +362,19 @@ def test_wrong_sequence_numbers_are_wrong_and_the_right_ones_go_on() -> None:
     assert [s.frame.sequence for s in bench.snapshots] == sequences(bench)
 
 
+def test_impulses_are_ghosts_where_nobody_is_received_and_nearer_signals_elsewhere() -> None:
+    there = "[{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [3000, 0, 0]}]"
+    plain, struck = Bench(transmitters=there), Bench("impulses: 0.3", transmitters=there)
+    own = [frame.channels[0].d for _, frame in plain.frames]
+    shown = [frame.channels[0].d for _, frame in struck.frames]
+    assert {impulse < d for impulse, d in zip(shown, own, strict=True) if impulse != d > 0} == {True}
+    ghosts = [frame.channels[1] for _, frame in struck.frames if frame.channels[1].valid]
+    assert len(struck.met("impulses")) / len(struck.frames) == pytest.approx(0.4, abs=0.12)
+    assert len(ghosts) / len(struck.frames) == pytest.approx(0.3, abs=0.1)
+    assert {ghost.zone for ghost in ghosts} == {1}
+    assert min(ghost.d for ghost in ghosts) >= 300
+
+
 def test_the_self_test_bit() -> None:
     bench = Bench("self_test: true, from_s: 5, until_s: 10")
     assert [n for n, (_, frame) in enumerate(bench.frames) if frame.status & SELF_TEST_FAULT] == list(range(50, 100))

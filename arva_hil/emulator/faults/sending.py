@@ -12,7 +12,10 @@ import firmware_proto
 from arva_hil.config import FaultKind
 from arva_hil.config.constraints import Number
 from arva_hil.config.faults import SECONDS, SHARE
-from firmware_proto import Frame
+from firmware_proto import Channel, Frame
+
+_IMPULSE_CM: Final = (300, 5000)  # d of impulses
+_GHOST: Final = 254  # id of a signal of nobody
 
 
 def _truncate(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
@@ -167,6 +170,19 @@ def _self_test(sending: Sending, value: float, random: Random) -> bool:
     return True
 
 
+def _impulses(sending: Sending, share: float, random: Random) -> bool:
+    """Show impulses of loud electronics: a nearer signal in a channel, or a ghost in the first empty one."""
+    frame, channels = sending.frame, list(sending.frame.channels)
+    empty = [n for n, one in enumerate(channels) if isinstance(one, Channel) and not one.valid][:1]
+    for n, one in enumerate(channels):
+        strikes, d, delta = random.random() < share, random.randrange(*_IMPULSE_CM), random.randrange(-90, 90)
+        if strikes and isinstance(one, Channel) and (d < one.d or n in empty):
+            id_ = _GHOST if one.id is None else one.id
+            channels[n] = one._replace(id=id_, zone=firmware_proto.MID, d=d, delta=delta)
+    sending.frame = frame._replace(channels=tuple(channels))
+    return sending.frame != frame
+
+
 def _sequence(sending: Sending, share: float, random: Random) -> bool:
     if random.random() >= share:
         return False
@@ -201,6 +217,7 @@ def _reorder(sending: Sending, share: float, random: Random) -> bool:
 SILENCE: Final = FaultKind("sent", None, "no frames", _withhold)
 DROP: Final = FaultKind("sent", SHARE, "probability a frame that it is lost", _withhold)
 SELF_TEST: Final = FaultKind("sent", None, "the status bit", _self_test)
+IMPULSES: Final = FaultKind("sent", SHARE, "probability a channel and frame that it shows an impulse", _impulses)
 SEQUENCE: Final = FaultKind("sent", SHARE, "probability a frame that its number is wrong", _sequence)
 DUPLICATE: Final = FaultKind("sent", SHARE, "probability a frame that it is sent again", _duplicate)
 DELAY: Final = FaultKind("sent", SECONDS, "frames and all later ones are late by this", _delay)
