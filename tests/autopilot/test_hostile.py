@@ -6,8 +6,7 @@ import random
 
 import pytest
 
-from tools.fuzz.autopilot import BURST, KEY, Bench
-from tools.fuzz.enemy import Enemy
+from tools.fuzz.autopilot import BURST, KEY, Bench, Enemy
 
 
 @pytest.mark.parametrize("key", [None, KEY])

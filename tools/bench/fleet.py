@@ -6,6 +6,7 @@ process of its own, plays all of them and reads all frames.
 
 from __future__ import annotations
 
+import argparse
 import gc
 import http.client
 import itertools
@@ -65,8 +66,8 @@ class Flown(NamedTuple):
         return float(np.percentile(self.late_ms, 99))
 
 
-def rows(seconds: float) -> Iterator[Row]:
-    flown = {count: fly(count, seconds) for count in (1, 4, 16, _MANY)}
+def rows(options: argparse.Namespace) -> Iterator[Row]:
+    flown = {count: fly(count, options.seconds) for count in (1, 4, 16, _MANY)}
     many = flown[_MANY]
     yield Row(
         f"fleet: p99 lateness of {_MANY} vehicles", "its limit", many.p99_ms, _LATE_MS, "ms", many.p99_ms, _LATE_MS

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Final
 
 from tools.bench.alone import WARM_S
@@ -28,8 +28,9 @@ print(time.process_time() - start)
 """
 
 
-def rows(flight: Path, seconds: float) -> Iterator[Row]:
-    motion, ours, peer = Motion(flight), list[float](), list[float]()
+def rows(options: argparse.Namespace) -> Iterator[Row]:
+    seconds, motion = options.seconds, Motion(options.flight)
+    ours, peer = list[float](), list[float]()
     for _ in range(_TURNS):
         with playing(motion, seconds + 9) as device:
             ours.append(figure_of("-m", "tools.bench.alone", device, "10", str(seconds)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import tracemalloc
 from collections.abc import Iterator
@@ -25,7 +26,7 @@ SINGLE = 5_000
 M = 4
 
 
-def rows() -> Iterator[Row]:
+def rows(_: argparse.Namespace) -> Iterator[Row]:
     rng = np.random.default_rng(1)
     points = rng.uniform((-60, -60, -5), (60, 60, 0), (MANY, 3))
     places = rng.uniform((-40, -40, 0), (40, 40, 2), (M, 3))

@@ -11,57 +11,23 @@ processor time by default, and ours is measured beside its peer's.
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from tools.bench.table import Baseline, Row, conditions, differs, read, show, slower, write
 
 
-def _model(_: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import model
-
-    return model.rows()
-
-
-def _streams(options: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import streams
-
-    return streams.rows(options.flight)
-
-
-def _live(options: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import live
-
-    return live.rows(options.flight, options.seconds)
-
-
-def _starts(options: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import starts
-
-    yield from starts.helps()
-    yield from starts.first_frame(options.flight)
-
-
-def _loops(_: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import starts
-
-    return starts.loops()
-
-
-def _fleet(options: argparse.Namespace) -> Iterator[Row]:
-    from tools.bench import fleet
-
-    return fleet.rows(options.seconds)
+def _rows(group: str, options: argparse.Namespace) -> Iterator[Row]:
+    """Measure a group: a module of this folder, imported when it is wanted."""
+    rows: Iterator[Row] = importlib.import_module(f"tools.bench.{group}").rows(options)
+    return rows
 
 
 _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
-    "model": _model,
-    "streams": _streams,
-    "live": _live,
-    "loops": _loops,
-    "starts": _starts,
-    "fleet": _fleet,
+    name: partial(_rows, name) for name in ("model", "streams", "live", "loops", "starts", "fleet")
 }
 _NEED_FLIGHT = ("streams", "live", "starts")
 _LEAST_S = 5.0  # shortest live flight, without its start

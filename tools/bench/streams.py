@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 from arva_hil.autopilot.following.session import Session
 from arva_hil.links.tlog import TlogReader
@@ -23,7 +23,8 @@ print(time.process_time() - start)
 """
 
 
-def rows(flight: Path) -> Iterator[Row]:
+def rows(options: argparse.Namespace) -> Iterator[Row]:
+    flight = options.flight
     records = [record.raw for record in TlogReader(flight)]
 
     def track() -> float:

@@ -15,8 +15,7 @@ from arva_hil.emulator.formats import TUNNEL_TYPE, MavlinkDecoder
 from arva_hil.mavlink.codec import dialect
 from firmware_proto import MAX_CHANNELS, MAX_FRAME_BYTES, Channel, Frame, FrameDecoder, encode
 from firmware_proto.messages import MAX_MESSAGE_BYTES
-from tools.fuzz.packets import packet
-from tools.fuzz.script import PAUSES_S, ROOT, Script, fed, scripted
+from tools.fuzz.script import PAUSES_S, ROOT, Script, fed, packet, scripted
 
 DECODERS: Final = {
     name: registry.FORMATS[name].decoder for name in registry.FORMATS if name not in registry.MAVLINK_FORMATS

@@ -1,4 +1,4 @@
-"""The bytes of an input as operations, so that mutations change the story, not only its spelling."""
+"""The bytes of an input as operations: mutations change the story, not only its spelling. Any MAVLink packets."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import struct
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
+
+from fastcrc import crc16
+
+from arva_hil.mavlink.codec import dialect
 
 ROOT: Final = Path(__file__).parents[2]
 PAUSES_S: Final = (0.0, 0.001, 0.02, 0.06, 0.099, 0.101, 1.0, 100.0)
@@ -48,3 +52,18 @@ def fed(whole: Any, piecemeal: Any, chunk: bytes, now: float) -> list[Any]:
     parts = [chunk[k : k + 1] for k in range(len(chunk))] or [chunk]
     assert got == [one for part in parts for one in piecemeal.feed(part, now)], "chunking matters"
     return got
+
+
+_EXTRA: Final = {msgid: bytes([kind.crc_extra]) for msgid, kind in dialect.mavlink_map.items()}
+
+
+def packet(
+    msgid: int, payload: bytes, source: tuple[int, int], *, flags: int = 0, version: int = 2, sequence: int = 7
+) -> bytes:
+    """Without the signature that `flags` may announce. The checksum is right if the dialect knows the message."""
+    if version == 1:
+        body = bytes((len(payload), sequence, *source, msgid & 0xFF)) + payload
+    else:
+        body = bytes((len(payload), flags, 0, sequence, *source)) + msgid.to_bytes(3, "little") + payload
+    crc = crc16.mcrf4xx(body + _EXTRA.get(msgid, b"\0"))
+    return (b"\xfe" if version == 1 else b"\xfd") + body + crc.to_bytes(2, "little")

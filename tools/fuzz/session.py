@@ -16,8 +16,7 @@ from arva_hil.events.words.sentences import sentence
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.model.field import LocalFrame
-from tools.fuzz.packets import packet
-from tools.fuzz.script import ROOT, Script
+from tools.fuzz.script import ROOT, Script, packet
 
 FRAME: Final = LocalFrame(46.5, 11.35, 1800.0)
 MESSAGES: Final = sorted(dialect.mavlink_map)

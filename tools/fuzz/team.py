@@ -17,8 +17,7 @@ from arva_hil.search.team.spacing import apart_m
 from arva_hil.search.team.team import TeamField, Teammate, strips_of
 from arva_hil.search.team.team_tunnel import TEAM_TYPE, VERSION, News, TeamTunnel, encode, parse
 from arva_hil.simulated import HOME
-from tools.fuzz.packets import packet
-from tools.fuzz.script import Script
+from tools.fuzz.script import Script, packet
 
 FRAME: Final = LocalFrame(*HOME)
 SYSTEMS: Final = (11, 12, 13, 14)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from tools.vectors.by_hand import Wire, number, seal, sentence
-from tools.vectors.stream import Stream
+from tools.vectors.streams import Stream
 
 ABOUT = [
     "messages: encode gives `hex`, and `line` where there is one; decoding gives the message back. `type`: command,",

@@ -2,12 +2,110 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
+from tools.vectors import frames
 from tools.vectors.by_hand import seal
-from tools.vectors.damaged import JUNK, random_streams
-from tools.vectors.frames import BYTES
-from tools.vectors.stream import Stream
+from tools.vectors.frames import BYTES, DECODE_ONLY, FRAMES
+
+
+class Stream:
+    """Steps with their output, then the final counters. `kind`: of the output; `units`: its bytes, by name."""
+
+    def __init__(self, name: str, why: str, kind: str = "frames", units: Mapping[str, bytes] = frames.BYTES) -> None:
+        self.value: dict[str, Any] = {"name": name, "why": why, "steps": []}
+        self.kind = kind
+        self.units = units
+        self.fed = 0
+        self.delivered: list[str] = []
+
+    def step(self, t: float, data: bytes = b"", *names: str) -> Stream:
+        self.value["steps"].append({"t": t, "hex": data.hex(), self.kind: list(names)})
+        self.fed += len(data)
+        self.delivered += names
+        return self
+
+    def end(self, bad_crc: int = 0, lost: int = 0, awaited: int = 0) -> dict[str, Any]:
+        """`lost`: of frames alone; `awaited`: bytes that the decoder still holds."""
+        dropped = self.fed - sum(len(self.units[name]) for name in self.delivered) - awaited
+        counters = {"good": len(self.delivered), "bad_crc": bad_crc, "dropped": dropped}
+        self.value["counters"] = counters | ({"lost": lost} if self.kind == "frames" else {})
+        return self.value
+
+
+JUNK = bytes(k for k in range(256) if k != 0xA4)
+
+
+class Numbers:
+    """The same random numbers in every Python, 0 … limit − 1."""
+
+    def __init__(self, seed: int) -> None:
+        self.state = seed
+
+    def below(self, limit: int) -> int:
+        self.state = (self.state * 6364136223846793005 + 1442695040888963407) % 2**64
+        return (self.state >> 33) % limit
+
+    def data(self, size: int) -> bytes:
+        return bytes(self.below(256) for _ in range(size))
+
+
+def damaged(raw: bytes, numbers: Numbers) -> bytes:
+    """Return the bytes with 2 % of them dropped, changed, or with another one before them."""
+    out = bytearray()
+    for byte in raw:
+        fate = numbers.below(150)
+        if fate == 0:
+            continue
+        if fate == 1:
+            out += numbers.data(1)
+        out.append(byte ^ (1 + numbers.below(255)) if fate == 2 else byte)
+    return bytes(out)
+
+
+def missing(before: int, sequence: int) -> int:
+    """Return the frames lost between two numbers, counted one at a time."""
+    count, number = 0, (before + 1) % 256
+    while sequence not in (before, number):
+        count, number = count + 1, (number + 1) % 256
+    return 0 if count > 16 and sequence < 16 else count
+
+
+def at_once(name: str, why: str, pieces: list[tuple[bytes, str]]) -> dict[str, Any]:
+    """Return a stream of pieces in one chunk: bytes, and the name of the complete frame in them or "".
+
+    JUNK behind them settles every candidate. Each byte in no frame begins one, so those that are whole there are the
+    failed CRCs, and nothing else is.
+    """
+    data, free, delivered = b"", [], []
+    for raw, whole in [*pieces, (JUNK, "")]:
+        at = raw.index(BYTES[whole]) if whole else len(raw)
+        behind = at + len(BYTES[whole]) if whole else at
+        free += [len(data) + k for k in range(len(raw)) if not at <= k < behind]
+        data += raw
+        delivered += [whole] if whole else []
+    heads = [bytes([0xA4, 0x57, 1, 3 + 6 * n]) for n in range(1, 17)]
+    failed = [k for k in free if data[k : k + 4] in heads and 6 * data[k + 6] + 3 == data[k + 3]]
+    sequences = [FRAMES[name]["sequence"] for name in delivered]
+    lost = sum(missing(a, b) for a, b in pairwise(sequences))
+    return Stream(name, why).step(0, data, *delivered).end(bad_crc=len(failed), lost=lost)
+
+
+def random_streams() -> list[dict[str, Any]]:
+    numbers = Numbers(457)
+    names = [name for name in FRAMES if name not in DECODE_ONLY]
+    noise = [(numbers.data(numbers.below(60)) + BYTES[name], name) for name in names]
+    made = [at_once("noise", "random bytes before each frame", noise)]
+    for title, some in (("corrupt_1", ["one", "two", "three", "seven"] * 25), ("corrupt", names * 2)):
+        pieces = []
+        for name in some:
+            raw = damaged(BYTES[name], numbers)
+            pieces.append((raw, name if BYTES[name] in raw else ""))
+        made.append(at_once(title, "2 % of the bytes dropped, inserted or changed: what is whole comes out", pieces))
+    return made
+
 
 # A frame inside the channels of another: head of 7, then 15 of the 24 payload bytes.
 CARRIER = bytes([1, 27, 50, 1, 4]) + BYTES["one"] + bytes(9)
