@@ -74,7 +74,7 @@ def rows(options: argparse.Namespace) -> Iterator[Row]:
     )
     lost = float(many.lost + many.no_pose)
     yield Row(f"fleet: frames of {_MANY} vehicles not sent or without a pose", "", lost, 0.0, "", lost, 0.0)
-    watched = fly(_MANY, seconds, _PAGES)
+    watched = fly(_MANY, options.seconds, _PAGES)
     work = f"fleet: p99 lateness of {_MANY} vehicles with {_PAGES} pages open"
     yield Row(work, "its limit", watched.p99_ms, _LATE_MS, "ms", watched.p99_ms, _LATE_MS)
     work = f"fleet: CPU of {_MANY} vehicles with {_PAGES} pages open"
