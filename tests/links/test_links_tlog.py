@@ -17,6 +17,7 @@ from arva_hil.links import Link, LinkEnded, LinkError
 from arva_hil.links import tlog as tlog_module
 from arva_hil.links.tlog import TlogLink, TlogReader, tlog_record
 from arva_hil.links.tlog_timeline import Record
+from tests.every import every
 
 T0_US = 1_700_000_000_123_457  # an odd number of microseconds: a float of seconds does not hold it exactly
 DAY_US = 86_400_000_000
@@ -69,13 +70,98 @@ def read(tmp_path: Path) -> Callable[[bytes], tuple[list[Record], TlogReader]]:
 
 
 Read = Callable[[bytes], tuple[list[Record], TlogReader]]
+Row = tuple[bytes, list[Record], int, int, str]
 
 
-def test_a_whole_log(read: Read) -> None:
-    wanted = records(2000)
-    found, reader = read(encode(wanted))
+def low_byte_first(some: list[Record]) -> bytes:
+    return b"".join(r.time_us.to_bytes(8, "little") + r.raw for r in some)
+
+
+def without_times(some: list[Record]) -> bytes:
+    return b"".join(r.raw for r in some)
+
+
+FIVE, TWENTY, THIRTY, FORTY = records(5), records(20), records(30), records(40)
+SHORT = packet(1, 9)
+BLANK = b"\xaa" * 50
+NOISE = random.Random(5).randbytes(100_000)
+FALSE = T0_US.to_bytes(8, "big") + b"\xfd\xff\x00"  # plausible time and magic, but no record where the length leads
+ON_MAGIC = [Record(0x00060A24FE202241 + i, SHORT) for i in range(3)]  # the fifth byte is a magic
+OF_1971 = records(500, 31_536_000_000_000)
+ABOUT = [Record(T0_US + t, SHORT) for t in (0, -5_000_000, DAY_US - 6_000_000, 0)]
+ODD = [Record(T0_US + t, packet(1, 20)) for t in (-DAY_US - 10_000_000, DAY_US + 10_000_000, 30 * DAY_US, -T0_US)]
+SET = [
+    [*records(10), *records(10, T0_US + offset), *records(10, T0_US + 10_000_000)]
+    for offset in (-3_600_000_000, 30 * DAY_US, -T0_US + 31_536_000_000_000, 78_000_000)
+]
+LATE = [[Record(us, SHORT)] * 2 for us in (4_102_444_800_000_000, (1 << 64) - 1)]
+EARLY = [[Record(us, SHORT)] * 2 for us in (0, 978_307_199_999_999)]
+
+
+def row(data: bytes, wanted: list[Record], skipped: int = 0, torn: int = 0, layout: str = "big-endian times") -> Row:
+    """A log, the records in it, bytes between them, bytes of an incomplete last one, and its layout."""
+    return data, wanted, skipped, torn, layout
+
+
+READ: dict[str, list[Row]] = {
+    "a whole log": [row(encode(records(2000)), records(2000))],
+    "an empty log": [row(b"", [])],
+    "garbage in the middle": [row(encode(TWENTY[:10], NOISE, TWENTY[10:]), TWENTY, len(NOISE))],
+    "garbage first": [row(encode(b"plain text of a booting autopilot\r\n", FIVE), FIVE, 35)],
+    "garbage behind the last record is not torn": [row(encode(FIVE, BLANK), FIVE, 50)],
+    "a torn tail": [
+        row(encode(FIVE, encode(Record(T0_US + 10_000, packet(2, 200)))[:keep]), FIVE, torn=keep)
+        for keep in (1, 7, 8, 9, 12, 100)
+    ],
+    "a record cut in the middle costs only itself": [
+        row(encode(THIRTY[:10], encode(Record(T0_US + 5_000, packet(2, 255)))[:keep], THIRTY[10:]), THIRTY, keep)
+        for keep in (9, 30, 150)
+    ],
+    "a false magic in garbage is no record, and hides none": [
+        row(encode(TWENTY[:10], b"\xaa" * 5, FALSE, b"\xaa" * 20, TWENTY[10:]), TWENTY, 5 + 11 + 20)
+    ],
+    "garbage that looks like the time it runs into": [
+        row(encode(ON_MAGIC[:1], b"\x00\x06\x0a\x24", ON_MAGIC[1:]), ON_MAGIC, 4)
+    ],
+    "a record with a time of its own is one where nothing else is between": [
+        row(encode(TWENTY[:10], odd, TWENTY[10:]), [*TWENTY[:10], odd, *TWENTY[10:]]) for odd in ODD
+    ],
+    "behind garbage it is none": [
+        row(encode(TWENTY[:10], b"\xaa" * 7, odd, TWENTY[10:]), TWENTY, 7 + len(encode(odd))) for odd in ODD
+    ],
+    "a clock that was set costs no record": [
+        row(encode(some[:10], garbage, some[10:]), some, len(garbage)) for some in SET for garbage in (b"", BLANK)
+    ],
+    "a whole log of 1971 is one": [row(encode(garbage, OF_1971), OF_1971, len(garbage)) for garbage in (b"", BLANK)],
+    "times with the low byte first are read": [
+        row(
+            damage + low_byte_first(FORTY[:20]) + damage + low_byte_first(FORTY[20:]),
+            *(FORTY, 2 * len(damage), 0, "little-endian times"),
+        )
+        for damage in (b"", BLANK, b"\xfd\xfe\x00" * 20)
+    ],
+    "packets without times are read": [
+        row(
+            damage + without_times(FORTY[:20]) + damage + without_times(FORTY[20:]),
+            *([Record(0, r.raw) for r in FORTY], 2 * len(damage), 0, "no times"),
+        )
+        for damage in (b"", BLANK)
+    ],
+    "times may go back and jump within a day": [row(encode(ABOUT), ABOUT)],
+    "no time is behind this century": [row(encode(two), [], 2 * 25) for two in LATE],
+    "a first time before this century needs another that agrees": [row(encode(two), two) for two in EARLY],
+    "alone it is none": [row(encode(two[0]), [], 25) for two in EARLY],
+}
+
+
+@every("promise, data, wanted, skipped, torn, layout", [(name, *one) for name, rows in READ.items() for one in rows])
+def test_records_that_are_read(
+    read: Read, promise: str, data: bytes, wanted: list[Record], skipped: int, torn: int, layout: str
+) -> None:
+    found, reader = read(data)
     assert found == wanted
-    assert reader.skipped == reader.torn == 0
+    assert (reader.skipped, reader.torn) == (skipped, torn)
+    assert (reader.layout, reader.stamped) == (layout, layout != "no times")
 
 
 def test_times_keep_their_microseconds(read: Read) -> None:
@@ -91,66 +177,6 @@ def test_a_time_that_does_not_fit(time_us: int) -> None:
         tlog_record(time_us, b"")
 
 
-def test_an_empty_log(read: Read) -> None:
-    found, reader = read(b"")
-    assert found == []
-    assert reader.skipped == reader.torn == 0
-
-
-def test_garbage_in_the_middle(read: Read) -> None:
-    wanted = records(20)
-    garbage = random.Random(5).randbytes(100_000)
-    found, reader = read(encode(wanted[:10], garbage, wanted[10:]))
-    assert found == wanted
-    assert reader.skipped == len(garbage)
-
-
-def test_garbage_first(read: Read) -> None:
-    wanted = records(5)
-    found, reader = read(encode(b"plain text of a booting autopilot\r\n", wanted))
-    assert found == wanted
-    assert reader.skipped == 35
-
-
-@pytest.mark.parametrize("keep", [1, 7, 8, 9, 12, 100])
-def test_a_torn_tail(read: Read, keep: int) -> None:
-    wanted = records(5)
-    last = encode(Record(T0_US + 10_000, packet(2, 200)))
-    found, reader = read(encode(wanted, last[:keep]))
-    assert found == wanted
-    assert (reader.torn, reader.skipped) == (keep, 0)
-
-
-def test_garbage_behind_the_last_record_is_not_torn(read: Read) -> None:
-    wanted = records(5)
-    found, reader = read(encode(wanted, b"\xaa" * 50))
-    assert found == wanted
-    assert (reader.torn, reader.skipped) == (0, 50)
-
-
-@pytest.mark.parametrize("keep", [9, 30, 150])
-def test_a_record_cut_in_the_middle_costs_only_itself(read: Read, keep: int) -> None:
-    wanted = records(30)
-    cut = encode(Record(T0_US + 5_000, packet(2, 255)))[:keep]
-    found, reader = read(encode(wanted[:10], cut, wanted[10:]))
-    assert found == wanted
-    assert reader.skipped == keep
-
-
-def test_a_false_magic_in_garbage(read: Read) -> None:
-    """Plausible time and magic, but no record where the length leads: no record, and it hides none."""
-    wanted = records(20)
-    false = T0_US.to_bytes(8, "big") + b"\xfd\xff\x00"
-    found, reader = read(encode(wanted[:10], b"\xaa" * 5, false, b"\xaa" * 20, wanted[10:]))
-    assert found == wanted
-    assert reader.skipped == 5 + 11 + 20
-
-
-def test_garbage_that_looks_like_the_time_it_runs_into(read: Read) -> None:
-    wanted = [Record(0x00060A24FE202241 + i, packet(1, 9)) for i in range(3)]  # the fifth byte is a magic
-    assert read(encode(wanted[:1], b"\x00\x06\x0a\x24", wanted[1:]))[0] == wanted
-
-
 def test_a_false_magic_wherever_the_buffer_ends(read: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     """Garbage is left behind in steps; where a step ends, a record is no likelier than elsewhere."""
     monkeypatch.setattr(tlog_module, "_CHUNK", 1)
@@ -160,78 +186,12 @@ def test_a_false_magic_wherever_the_buffer_ends(read: Read, monkeypatch: pytest.
     assert reader.skipped == reader.size
 
 
-@pytest.mark.parametrize("offset", [-DAY_US - 10_000_000, DAY_US + 10_000_000, 30 * DAY_US, -T0_US])
-def test_a_record_with_a_time_of_its_own_is_one_where_nothing_else_is_between(read: Read, offset: int) -> None:
-    wanted = records(20)
-    odd = Record(T0_US + offset, packet(1, 20))
-    assert read(encode(wanted[:10], odd, wanted[10:]))[0] == [*wanted[:10], odd, *wanted[10:]]
-    found, reader = read(encode(wanted[:10], b"\xaa" * 7, odd, wanted[10:]))
-    assert found == wanted
-    assert reader.skipped == 7 + len(encode(odd))
-
-
-@pytest.mark.parametrize("offset", [-3_600_000_000, 30 * DAY_US, -T0_US + 31_536_000_000_000, 78_000_000])
-def test_a_clock_that_was_set_costs_no_record(read: Read, offset: int) -> None:
-    wanted = [*records(10), *records(10, T0_US + offset), *records(10, T0_US + 10_000_000)]
-    found, reader = read(encode(wanted))
-    assert found == wanted
-    found, reader = read(encode(wanted[:10], b"\xaa" * 50, wanted[10:]))
-    assert found == wanted
-    assert reader.skipped == 50
-
-
-def test_a_whole_log_of_1971_is_one(read: Read) -> None:
-    wanted = records(500, 31_536_000_000_000)
-    assert read(encode(wanted))[0] == wanted
-    found, reader = read(encode(b"\xaa" * 50, wanted))
-    assert found == wanted
-    assert reader.skipped == 50
-
-
-@pytest.mark.parametrize("damage", [b"", b"\xaa" * 50, b"\xfd\xfe\x00" * 20])
-def test_times_with_the_low_byte_first_are_read(read: Read, damage: bytes) -> None:
-    wanted = records(40)
-    data = [r.time_us.to_bytes(8, "little") + r.raw for r in wanted]
-    found, reader = read(damage + b"".join(data[:20]) + damage + b"".join(data[20:]))
-    assert found == wanted
-    assert (reader.layout, reader.stamped) == ("little-endian times", True)
-    assert reader.skipped == 2 * len(damage)
-
-
-@pytest.mark.parametrize("damage", [b"", b"\xaa" * 50])
-def test_packets_without_times_are_read(read: Read, damage: bytes) -> None:
-    wanted = records(40)
-    found, reader = read(damage + b"".join(r.raw for r in wanted[:20]) + damage + b"".join(r.raw for r in wanted[20:]))
-    assert found == [Record(0, r.raw) for r in wanted]
-    assert (reader.layout, reader.stamped) == ("no times", False)
-    assert reader.skipped == 2 * len(damage)
-
-
 def test_noise_is_no_log_of_any_kind(read: Read) -> None:
     numbers = random.Random(7)
     for _ in range(30):
         _, reader = read(numbers.randbytes(70_000))
         assert reader.layout == "big-endian times"
         assert reader.records <= 1
-
-
-def test_times_may_go_back_and_jump_within_a_day(read: Read) -> None:
-    wanted = [Record(T0_US + t, packet(1, 9)) for t in (0, -5_000_000, DAY_US - 6_000_000, 0)]
-    assert read(encode(wanted))[0] == wanted
-
-
-@pytest.mark.parametrize("first_us", [4_102_444_800_000_000, (1 << 64) - 1])
-def test_no_time_is_behind_this_century(read: Read, first_us: int) -> None:
-    found, reader = read(encode(Record(first_us, packet(1, 9)), Record(first_us, packet(1, 9))))
-    assert found == []
-    assert reader.skipped == 2 * 25
-
-
-@pytest.mark.parametrize("first_us", [0, 978_307_199_999_999])
-def test_a_first_time_before_this_century_needs_another_that_agrees(read: Read, first_us: int) -> None:
-    wanted = [Record(first_us, packet(1, 9))] * 2
-    assert read(encode(wanted))[0] == wanted
-    assert read(encode(wanted[0]))[0] == []
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 1153, 65536])
