@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from arva_hil.model.field import Transmitters
 from arva_hil.model.field.keying import Keying
 from arva_hil.model.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
+from tests.every import every
 from tools.figures.hovering import PAPER, Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25)
@@ -44,11 +49,168 @@ def test_with_pulses_and_noise_off_one_transmitter_hovering_it_settles_to_the_in
     assert not reading.more_heard
 
 
-def test_a_slot_opens_with_the_second_pulse_behind_the_start() -> None:
-    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]))
-    assert ids(receiver.read(3.0)) == []
-    assert ids(receiver.read(4.32)) == []
-    assert ids(receiver.read(4.34)) == [1]  # pulses end at 3.33 and 4.33 s
+Step = Callable[[Hovering], None]
+
+
+def sees(t: float, *wanted: int, **facts: object) -> Step:
+    """At `t` the reading has these ids, and of the reading: its `shown`, its `marked` ids, or an attribute."""
+
+    def step(receiver: Hovering) -> None:
+        reading = receiver.read(t)
+        assert ids(reading) == [*wanted], t
+        marked = [c.id for c in reading.channels if c.marked]
+        of_all = {"shown": shown(reading), "marked": marked, "slots": len(reading.channels)}
+        found = {name: of_all[name] if name in of_all else getattr(reading, name) for name in facts}
+        assert found == facts, t
+
+    return step
+
+
+def asks(t: float, command: str, answer: Answer = Answer.DONE) -> Step:
+    """Its host sends a command at `t`."""
+
+    def step(receiver: Hovering) -> None:
+        receiver.read(t)
+        name, *values = command.split()
+        assert receiver.model.command(t, name, [int(value) for value in values]) is answer, (t, command)
+
+    return step
+
+
+def silent(*indices: int) -> Step:
+    """These transmitters are off from now on, all others on."""
+    return lambda receiver: receiver.silence(*indices)
+
+
+def goes(north: float) -> Step:
+    return lambda receiver: setattr(receiver, "position", np.array([north, 0.0, 0.0]))
+
+
+def hears(impairment: Impairment) -> Step:
+    return lambda receiver: setattr(receiver, "impairment", impairment)
+
+
+REFUSED = Answer.REFUSED
+BY_TURNS = [Keying(1.0, 0.07, 0.1), Keying(1.0, 0.07, 0.4, carrier_hz=30.0), Keying(1.0, 0.07, 0.7, carrier_hz=-30.0)]
+FAR, NEAR = transmitters([20, 0, 0], keyings=[STEADY]), transmitters([4, 0, 0], keyings=[STEADY])
+THREE = transmitters([5, 0, 0], [3.5, 0, 0], [30, 0, 0], keyings=BY_TURNS)
+TWO = transmitters([5, 0, 0], [20, 0, 0], keyings=BY_TURNS[:2])
+ALIKE = transmitters([4, 0, 0], [0, 4, 0], keyings=[STEADY, Keying(1.001, 0.08, 0.6, carrier_hz=5.0)])
+
+
+@every(
+    "story, there, options, steps",
+    [
+        (  # pulses end at 3.33 and 4.33 s
+            "a slot opens with the second pulse behind the start",
+            *(FAR, {}, [sees(3.0), sees(4.32), sees(4.34, 1)]),
+        ),
+        (  # the newest pulse ended at 5.33 s
+            "a reading is held for a period and a half, then blank, then the slot is dropped",
+            FAR,
+            {},
+            [
+                *(sees(5.4, 1, shown={1: 1800}), silent(0), sees(6.82, 1, shown={1: 1800}), sees(6.84, 1, shown={})),
+                *(sees(10.8, 1), sees(10.85), silent(), sees(12.4, 1, shown={1: 1800})),
+            ],
+        ),
+        (
+            "the nearest take the slots, and marked ones come behind",
+            THREE,
+            {"channels": 2},
+            [
+                *(sees(6.0, 2, 1, more_heard=True), asks(6.0, "mark 2"), sees(6.05, 1, 3, marked=[])),
+                *(asks(6.1, "mark 1"), sees(6.15, 3, 2, marked=[2]), asks(6.2, "unmark 2"), sees(6.25, 2, 3)),
+            ],
+        ),
+        (
+            "a mark is refused far away and unheard",
+            transmitters([8, 0, 0], keyings=[STEADY]),
+            {},
+            [
+                *(asks(0.0, "mark 1", REFUSED), sees(6.0, 1), asks(6.0, "mark 1", REFUSED)),
+                *(asks(6.0, "mark 9", REFUSED), asks(6.0, "mark", REFUSED), asks(6.0, "dance", Answer.UNKNOWN)),
+            ],
+        ),
+        (
+            "a mark outlives a few missed pulses, and comes back to the same rhythm",
+            *(NEAR, {}, [asks(6.0, "mark 1"), silent(0), sees(30.0), silent(), sees(33.0, 1, marked=[1])]),
+        ),
+        (
+            "a mark that is lost goes to whoever has its rhythm, and so the host is led back",
+            ALIKE,
+            {},
+            [
+                *(silent(1), asks(6.0, "mark 1"), silent(0, 1), sees(30.0), silent(0), sees(33.0, 2, marked=[2])),
+                *(silent(), sees(36.0, 1, 2, marked=[2])),
+            ],
+        ),
+        (
+            "a restart forgets marks and rhythms, and takes its time",
+            *(NEAR, {}, [asks(6.0, "mark 1"), asks(6.1, "restart"), sees(9.1), sees(12.0, 1, marked=[])]),
+        ),
+        (
+            "hovering for long it goes back to sending until it is told to search",
+            FAR,
+            {"revert_s": 60.0},
+            [
+                *(sees(59.0, 1, searching=True), sees(62.0, searching=False), asks(62.0, "search"), sees(65.0, 1)),
+                *(goes(3.0), sees(110.0, 1, searching=True)),
+            ],
+        ),
+        (  # then the other one, and the blank slot of the selected one
+            "only the selected one is shown while it is heard",
+            TWO,
+            {},
+            [
+                *(asks(6.0, "select 2"), sees(6.1, 2), silent(1), sees(9.0, 1, 2)),
+                *(asks(9.0, "select 2", REFUSED), asks(9.0, "select")),
+            ],
+        ),
+        (
+            "the number of slots is set until the next restart",
+            TWO,
+            {},
+            [
+                *(asks(0.0, "channels 1"), asks(0.0, "channels 17", REFUSED), sees(6.0, 1, more_heard=True, slots=1)),
+                *(asks(6.0, "restart"), sees(7.0, slots=4)),
+            ],
+        ),
+        (
+            "a scan keeps the marks of those that come back",
+            NEAR,
+            {},
+            [
+                *(asks(6.0, "mark 1"), asks(6.1, "scan"), sees(6.2), sees(8.0, 1, marked=[1])),
+                *(asks(8.0, "unmark"), sees(8.1, 1, marked=[])),
+            ],
+        ),
+        (
+            "its self-test fails next to a transmitter or electronics until it is restarted elsewhere",
+            NEAR,
+            {"self_test_m": 5.0},
+            [
+                *(sees(6.0, 1, failed=True), goes(-10.0), sees(8.0, 1, failed=True), asks(8.0, "restart")),
+                *(sees(12.0, failed=False), hears(Impairment(noise_na_m=1.0)), sees(14.0, 1, failed=False)),
+                *(asks(14.0, "restart"), sees(16.0, failed=True)),
+            ],
+        ),
+    ],
+)
+def test_slots_marks_and_states(story: str, there: Transmitters, options: dict[str, Any], steps: list[Step]) -> None:
+    receiver = Hovering(there, **options)
+    for step in steps:
+        step(receiver)
+
+
+def test_a_mark_is_refused_while_overlapped() -> None:
+    keyings = [Keying(1.0, 0.08, 0.25), Keying(0.9, 0.08, 0.25, carrier_hz=40.0)]
+    near = Hovering(transmitters([4, 0, 0], [-4, 0, 0], keyings=keyings))
+    answers = []
+    for n in range(60, 1000):
+        if 1 in shown(near.read(n / 10)):
+            answers.append(near.model.command(n / 10, "mark", [1]))
+    assert 0.7 < answers.count(Answer.DONE) / len(answers) < 0.95
 
 
 def test_it_looks_once_a_pulse_and_asks_for_a_frame_then_if_told_so() -> None:
@@ -57,20 +219,6 @@ def test_it_looks_once_a_pulse_and_asks_for_a_frame_then_if_told_so() -> None:
     asked = list(receiver.looks(10.0))
     assert sum(asked) == 9  # ten pulses, the first of which opens nothing
     assert not any(Hovering(there, start_s=0.0).looks(10.0))
-
-
-def test_a_reading_is_held_for_a_period_and_a_half_then_blank_then_the_slot_is_dropped() -> None:
-    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]))
-    assert shown(receiver.read(5.4)) == {1: 1800}  # the newest pulse ended at 5.33 s
-    receiver.silence(0)
-    assert shown(receiver.read(6.82)) == {1: 1800}
-    blank = receiver.read(6.84)
-    assert ids(blank) == [1]
-    assert (blank.channels[0].zone, blank.channels[0].d_cm, blank.channels[0].delta_deg) == (Zone.OUTER, -1, -1)
-    assert ids(receiver.read(10.8)) == [1]
-    assert ids(receiver.read(10.85)) == []
-    receiver.silence()
-    assert shown(receiver.read(12.4)) == {1: 1800}
 
 
 def test_a_pulse_out_of_rhythm_does_not_count() -> None:
@@ -150,89 +298,6 @@ def test_a_carrier_in_the_pauses_hides_a_weaker_transmitter() -> None:
     assert [ids(later.read(t)) for t in (19.0, 40.0)] == [[2], [1]]  # before it is switched on nothing leaks
 
 
-def test_the_nearest_take_the_slots_and_marked_ones_come_behind() -> None:
-    keyings = [
-        Keying(1.0, 0.07, 0.1),
-        Keying(1.0, 0.07, 0.4, carrier_hz=30.0),
-        Keying(1.0, 0.07, 0.7, carrier_hz=-30.0),
-    ]
-    receiver = Hovering(transmitters([5, 0, 0], [3.5, 0, 0], [30, 0, 0], keyings=keyings), channels=2)
-    reading = receiver.read(6.0)
-    assert ids(reading) == [2, 1]
-    assert reading.more_heard
-    assert receiver.model.command(6.0, "mark", [2]) is Answer.DONE
-    marked = receiver.read(6.05)
-    assert [(c.id, c.marked) for c in marked.channels] == [(1, False), (3, False)]
-    assert receiver.model.command(6.1, "mark", [1]) is Answer.DONE
-    assert [(c.id, c.marked) for c in receiver.read(6.15).channels] == [(3, False), (2, True)]
-    assert receiver.model.command(6.2, "unmark", [2]) is Answer.DONE
-    assert ids(receiver.read(6.25)) == [2, 3]
-
-
-def test_a_mark_is_refused_far_away_unheard_and_while_overlapped() -> None:
-    far = Hovering(transmitters([8, 0, 0], keyings=[STEADY]))
-    assert far.model.command(0.0, "mark", [1]) is Answer.REFUSED
-    far.read(6.0)
-    assert far.model.command(6.0, "mark", [1]) is Answer.REFUSED
-    assert far.model.command(6.0, "mark", [9]) is Answer.REFUSED
-    assert far.model.command(6.0, "mark", []) is Answer.REFUSED
-    assert far.model.command(6.0, "dance", []) is Answer.UNKNOWN
-    keyings = [Keying(1.0, 0.08, 0.25), Keying(0.9, 0.08, 0.25, carrier_hz=40.0)]
-    near = Hovering(transmitters([4, 0, 0], [-4, 0, 0], keyings=keyings))
-    answers = []
-    for n in range(60, 1000):
-        if 1 in shown(near.read(n / 10)):
-            answers.append(near.model.command(n / 10, "mark", [1]))
-    assert 0.7 < answers.count(Answer.DONE) / len(answers) < 0.95
-
-
-def test_a_mark_outlives_a_few_missed_pulses_and_comes_back_to_the_same_rhythm() -> None:
-    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]))
-    receiver.read(6.0)
-    assert receiver.model.command(6.0, "mark", [1]) is Answer.DONE
-    receiver.silence(0)
-    assert ids(receiver.read(30.0)) == []
-    receiver.silence()
-    assert receiver.read(33.0).channels[0].marked
-
-
-def test_a_mark_that_is_lost_goes_to_whoever_has_its_rhythm_and_so_the_host_is_led_back() -> None:
-    keyings = [STEADY, Keying(1.001, 0.08, 0.6, carrier_hz=5.0)]
-    receiver = Hovering(transmitters([4, 0, 0], [0, 4, 0], keyings=keyings))
-    receiver.silence(1)
-    receiver.read(6.0)
-    assert receiver.model.command(6.0, "mark", [1]) is Answer.DONE
-    receiver.silence(0, 1)
-    receiver.read(30.0)
-    receiver.silence(0)
-    assert [(c.id, c.marked) for c in receiver.read(33.0).channels[:1]] == [(2, True)]
-    receiver.silence()
-    assert [(c.id, c.marked) for c in receiver.read(36.0).channels[:2]] == [(1, False), (2, True)]
-
-
-def test_restart_forgets_marks_and_rhythms_and_takes_its_time() -> None:
-    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]))
-    receiver.read(6.0)
-    receiver.model.command(6.0, "mark", [1])
-    assert receiver.model.command(6.1, "restart", []) is Answer.DONE
-    assert ids(receiver.read(9.1)) == []
-    reading = receiver.read(12.0)
-    assert ids(reading) == [1]
-    assert not reading.channels[0].marked
-
-
-def test_hovering_for_long_it_goes_back_to_sending_until_it_is_told_to_search() -> None:
-    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]), revert_s=60.0)
-    assert receiver.read(59.0).searching
-    reading = receiver.read(62.0)
-    assert not reading.searching
-    assert ids(reading) == []
-    assert receiver.model.command(62.0, "search", []) is Answer.DONE
-    assert ids(receiver.read(65.0)) == [1]
-    receiver.position = np.array([3.0, 0.0, 0.0])
-    assert receiver.read(110.0).searching
-
-
 @pytest.mark.parametrize(("antennas", "zone", "delta"), [(1, Zone.MID, 0), (2, Zone.MID, 45), (3, Zone.INNER, 0)])
 def test_one_two_or_three_antennas(antennas: int, zone: int, delta: int) -> None:
     turned = Rotation.from_euler("z", -45, degrees=True).as_matrix()
@@ -304,40 +369,6 @@ def test_without_a_pose_pulses_are_missed() -> None:
     assert shown(receiver.model.show(8.0)) == {}
 
 
-def test_only_the_selected_one_is_shown_while_it_is_heard() -> None:
-    keyings = [Keying(1.0, 0.07, 0.1), Keying(1.0, 0.07, 0.4, carrier_hz=30.0)]
-    receiver = Hovering(transmitters([5, 0, 0], [20, 0, 0], keyings=keyings))
-    receiver.read(6.0)
-    assert receiver.model.command(6.0, "select", [2]) is Answer.DONE
-    assert ids(receiver.read(6.1)) == [2]
-    receiver.silence(1)
-    assert ids(receiver.read(9.0)) == [1, 2]  # the other one, and the blank slot of the selected one
-    assert receiver.model.command(9.0, "select", [2]) is Answer.REFUSED
-    assert receiver.model.command(9.0, "select", []) is Answer.DONE
-
-
-def test_the_number_of_slots_is_set_until_the_next_restart() -> None:
-    keyings = [Keying(1.0, 0.07, 0.1), Keying(1.0, 0.07, 0.4, carrier_hz=30.0)]
-    receiver = Hovering(transmitters([5, 0, 0], [20, 0, 0], keyings=keyings))
-    assert receiver.model.command(0.0, "channels", [1]) is Answer.DONE
-    assert receiver.model.command(0.0, "channels", [17]) is Answer.REFUSED
-    reading = receiver.read(6.0)
-    assert (len(reading.channels), reading.more_heard) == (1, True)
-    receiver.model.command(6.0, "restart", [])
-    assert len(receiver.read(7.0).channels) == 4
-
-
-def test_a_scan_keeps_the_marks_of_those_that_come_back() -> None:
-    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]))
-    receiver.read(6.0)
-    assert receiver.model.command(6.0, "mark", [1]) is Answer.DONE
-    assert receiver.model.command(6.1, "scan", []) is Answer.DONE
-    assert ids(receiver.read(6.2)) == []
-    assert receiver.read(8.0).channels[0].marked
-    assert receiver.model.command(8.0, "unmark", []) is Answer.DONE
-    assert not receiver.read(8.1).channels[0].marked
-
-
 def test_antennas_that_fail_saturate_or_hear_electronics_change_what_it_shows_while_they_do() -> None:
     receiver = Hovering(transmitters([10, 10, 0], keyings=[STEADY]), **PAPER)
     sound = receiver.read(6.0).channels[0]
@@ -353,26 +384,13 @@ def test_antennas_that_fail_saturate_or_hear_electronics_change_what_it_shows_wh
     assert receiver.read(32.0).channels[0].d_cm == sound.d_cm
 
 
-def test_its_self_test_fails_next_to_a_transmitter_or_electronics_until_it_is_restarted_elsewhere() -> None:
-    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]), self_test_m=5.0)
-    assert receiver.read(6.0).failed
-    receiver.position = np.array([-10.0, 0.0, 0.0])
-    assert receiver.read(8.0).failed
-    receiver.model.command(8.0, "restart", [])
-    assert not receiver.read(12.0).failed
-    receiver.impairment = Impairment(noise_na_m=1.0)
-    assert not receiver.read(14.0).failed
-    receiver.model.command(14.0, "restart", [])
-    assert receiver.read(16.0).failed
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"gains": (0, 0, 0)}, "expected three values in"),
         ({"saturation_na_m": 2.0}, "saturation_na_m 2: expected above threshold_na_m"),
-        ({"threshold_na_m": 0.0}, "greater than 0"),
-        ({"antennas": 4}, "expected 1, 2 or 3|Input should be 1, 2 or 3"),
+        ({"threshold_na_m": 0.0}, "threshold_na_m: 0.0, expected greater than 0"),
+        ({"antennas": 4}, "antennas: 4, expected 1, 2 or 3"),
     ],
 )
 def test_options_that_no_receiver_has_are_refused(options: dict[str, object], words: str) -> None:
