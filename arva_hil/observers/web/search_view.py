@@ -108,13 +108,9 @@ class SearchView:
         took_s = self._since_begun(found.time_s)
         return [_Victim(found.transmitter, found.north_m, found.east_m, took_s, found.sure, False, None)]
 
-    def _shown_victim(self, victim: _Victim, north: float, east: float, *, over: bool) -> dict[str, Any]:
-        """Return a victim for the page; with a QR code if the search is over.
-
-        `north`, `east`: of the take-off point in the map.
-        """
-        place = [_rounded(victim.north_m + north), _rounded(victim.east_m + east)]
-        lat_lon = self._places.lat_lon(victim.north_m + north, victim.east_m + east)
+    def _shown_victim(self, victim: _Victim, place: list[float], *, over: bool) -> dict[str, Any]:
+        """Return a victim for the page; with a QR code if the search is over. `place`: in the map."""
+        lat_lon = self._places.lat_lon(*place)
         return {
             "id": victim.id,
             "place": place,
@@ -131,7 +127,12 @@ class SearchView:
         if not self._seen:
             return None
         north, east, _ = self._places.offset(SEARCH + self._vehicle)
+
+        def place(n: float, e: float) -> list[float]:
+            return [round(n + north, 3), round(e + east, 3)]
+
         begun = self._begun or searches.SearchBegun(0.0, 0.0)
+        belief = self._belief or searches.BeliefChanged(0.0, None, (), None, None)
         took_s = None if self._ended else self._since_begun(now)
         over = over or bool(self._ended)
         made: dict[str, Any] = {
@@ -139,37 +140,29 @@ class SearchView:
             "phase": self._phase,
             "ended": self._ended,
             "target": self._target,
-            "take_off": [_rounded(north), _rounded(east)],
-            "heard": [[id_, _rounded(n + north), _rounded(e + east), d] for id_, (n, e, d) in self._heard.items()],
+            "take_off": place(0.0, 0.0),
+            "heard": [[id_, *place(n, e), d] for id_, (n, e, d) in self._heard.items()],
             "wanted": self._wanted,
             "begun": self._begun is not None or bool(self._places_found()),
-            "area": begun.area and [_rounded(a + b) for a, b in zip(begun.area, (north, east) * 2, strict=True)],
+            "area": begun.area and [*place(*begun.area[:2]), *place(*begun.area[2:])],
             "strip_m": begun.strip_m,
             "left_s": None if begun.limit_s is None or took_s is None else round(max(0.0, begun.limit_s - took_s)),
-            "victims": [self._shown_victim(one, north, east, over=over) for one in self._places_found()],
-            "hypotheses": [],
+            "victims": [
+                self._shown_victim(one, place(one.north_m, one.east_m), over=over) for one in self._places_found()
+            ],
+            "hypotheses": [[*place(n, e), round(share, 4)] for n, e, share in belief.hypotheses],
             "mean": None,
-            "covariance": None,
-            "goal": None,
+            "covariance": _covariance(belief.covariance),
+            "goal": belief.goal and place(*belief.goal),
             "found": None,
         }
-        if (belief := self._belief) is not None:
-            made["hypotheses"] = [
-                [_rounded(n + north), _rounded(e + east), round(share, 4)] for n, e, share in belief.hypotheses
-            ]
-            if belief.hypotheses:
-                mean_n = sum(n * share for n, _, share in belief.hypotheses)
-                mean_e = sum(e * share for _, e, share in belief.hypotheses)
-                made["mean"] = [_rounded(mean_n + north), _rounded(mean_e + east)]
-            made["covariance"] = _covariance(belief.covariance)
-            if belief.goal is not None:
-                made["goal"] = [_rounded(belief.goal[0] + north), _rounded(belief.goal[1] + east)]
+        if belief.hypotheses:
+            means = (sum(one[axis] * one[2] for one in belief.hypotheses) for axis in (0, 1))
+            made["mean"] = place(*means)
         if (found := self._found) is not None:
-            place = [_rounded(found.north_m + north), _rounded(found.east_m + east)]
             made["found"] = {
                 "id": found.transmitter,
-                "place": place,
-                "from_take_off": [_rounded(found.north_m), _rounded(found.east_m)],
+                "place": place(found.north_m, found.east_m),
                 "covariance": _covariance(found.covariance),
                 "relative_covariance": _covariance(found.relative_covariance),
                 "earth_covariance": _covariance(found.earth_covariance),
@@ -184,10 +177,6 @@ def _qr_code(lat: float, lon: float) -> str:
     import segno  # slow to import
 
     return segno.make_qr(f"geo:{lat:.7f},{lon:.7f}").svg_data_uri(border=4, light="white", omitsize=True)
-
-
-def _rounded(metres: float) -> float:
-    return round(metres, 3)
 
 
 def _covariance(values: tuple[float, float, float] | None) -> list[float] | None:

@@ -27,11 +27,6 @@ _KAPPA_EQ: Final = 1.542
 Key = tuple[str, str]  # vehicle, receiver
 
 
-def _vehicle(event: Event) -> str:
-    """Return the vehicle of a search's event; "" if there is only one."""
-    return event.vehicle if isinstance(event, FromSearch) else ""
-
-
 class _ShownReceiver:
     """One receiver: its history, and the values of its newest frame alone."""
 
@@ -107,16 +102,16 @@ class State:
         frames: dict[Key, list[Event]] = {}
         for event in batch:
             by_search = isinstance(event, FromSearch)
-            told = event.event if isinstance(event, FromSearch) else event
+            name, told = (event.vehicle, event.event) if isinstance(event, FromSearch) else ("", event)
             if isinstance(told, PacketsReceived):
                 self.health.observe(told)
             elif isinstance(told, FrameMade):
                 frames.setdefault((told.vehicle, told.receiver), []).append(told)
             elif isinstance(told, FrameHeard):
                 if self._alone or not by_search:
-                    frames.setdefault((_vehicle(event) or "vehicle", "receiver"), []).append(told)
+                    frames.setdefault((name or "vehicle", "receiver"), []).append(told)
             else:
-                self._take(event, told, by_search)
+                self._take(event, told, name, by_search)
         for key, made in frames.items():
             self._take_frames(key, made)
 
@@ -150,7 +145,7 @@ class State:
         self.version += 1
         self._documents.clear()
 
-    def _take(self, event: Event, told: Event, by_search: bool) -> None:
+    def _take(self, event: Event, told: Event, name: str, by_search: bool) -> None:
         self._time_s = max(self._time_s, event.time_s)
         if isinstance(told, DatumSet):
             self.places.put(told.vehicle, told.lat, told.lon, told.alt)
@@ -159,7 +154,6 @@ class State:
         if isinstance(told, StatusReport):
             self._truth.observe(told)
             return
-        name = _vehicle(event)
         if name in self._searches or len(self._searches) < _MOST_RECEIVERS:
             self._searches.setdefault(name, SearchView(self.places, name)).observe(told)
         if (notice := self.notice_of(event)) is not None:

@@ -1,14 +1,13 @@
 // Requests the changes a few times a second, and updates the parts of the page.
 
 import { checks, showChecks, showCounters, showEvents, showSearch, showTeam } from "./health.js";
-import { showDisplay } from "./display.js";
+import { setTone, showDisplay, updateTone } from "./display.js";
 import { outcomeOf, showOutcome, showVictims } from "./outcome.js";
 import { searched, showMap, vehicleAt, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
 import { lesson, mark } from "./lesson.js";
 import { Player } from "./player.js";
-import { setTone, updateTone } from "./tone.js";
-import { E, IN_WORDS, N, Store, T, YAW, away, clock, el, forgetColours, placed } from "./store.js";
+import { E, IN_WORDS, N, Store, T, YAW, away, clock, el, forgetColours, placed, svg } from "./store.js";
 
 const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, ENDED_MS = 3000, PLOT_MS = 500;
 const $ = (id) => document.getElementById(id);
@@ -180,14 +179,8 @@ function showLegend(state, shown) {
   if (wanted.join() === legend) return;
   legend = wanted.join();
   $("legend").replaceChildren(...wanted.map((name) => {
-    const [words, d] = SIGNS[name], ns = "http://www.w3.org/2000/svg";
-    const sign = document.createElementNS(ns, "svg"), line = document.createElementNS(ns, "path");
-    sign.setAttribute("viewBox", "0 0 22 14");
-    sign.setAttribute("aria-hidden", "true");
-    line.setAttribute("d", d);
-    line.setAttribute("class", `sign-${name}`);
-    sign.append(line);
-    return el("li", {}, sign, words);
+    const [words, d] = SIGNS[name];
+    return el("li", {}, svg("svg", { viewBox: "0 0 22 14", "aria-hidden": "true" }, svg("path", { d, class: `sign-${name}` })), words);
   }));
 }
 

@@ -1,17 +1,14 @@
 // The display of the receiver, as on a transceiver: distance, arrow with its ambiguity, zone, channels.
 
-import { AGE, CM, DELTA, ID, RANGE, SEQ, SLOTS, T, ZONE, el, inTime, signOf } from "./store.js";
+import { AGE, CM, DELTA, ID, RANGE, SEQ, SLOTS, T, ZONE, el, inTime, signOf, svg } from "./store.js";
 
 const ZONES = ["no signal", "mid", "inner"];
 const WORDS = ["", "distance and direction", "distance only: no direction"];
 const $ = (id) => document.getElementById(id);
 
 for (let degrees = -90; degrees <= 90; degrees += 15) {
-  const tick = document.createElementNS("http://www.w3.org/2000/svg", "line");
-  const length = degrees % 45 ? 5 : 10;
-  for (const [key, value] of Object.entries({ x1: 120, x2: 120, y1: 36 - length / 2, y2: 36 + length / 2 })) tick.setAttribute(key, value);
-  tick.setAttribute("transform", `rotate(${degrees} 120 120)`);
-  $("ticks").append(tick);
+  const half = degrees % 45 ? 2.5 : 5;
+  $("ticks").append(svg("line", { x1: 120, x2: 120, y1: 36 - half, y2: 36 + half, transform: `rotate(${degrees} 120 120)` }));
 }
 
 const text = (node, value) => { if (node.textContent !== value) node.textContent = value; };
@@ -77,4 +74,34 @@ function showChannels(slots) {
     text(cells[3], heard ? ZONES[slot[ZONE]] && slot[ZONE] ? ZONES[slot[ZONE]] : "–" : "–");
     text(cells[4], slot[RANGE] === null || slot[ID] === null ? "–" : `${slot[RANGE].toFixed(2)} m`);
   });
+}
+
+// Beeps as a receiver does: faster and higher at a smaller distance. Off at the start, because browsers require a click.
+let context = null, timer = 0, current = null;
+
+export function setTone(on) {
+  clearTimeout(timer);
+  if (!on) return void context?.suspend();
+  context ??= new AudioContext();
+  context.resume();
+  beep();
+}
+
+export function updateTone(point, stale) { current = stale ? null : nearest(point); }
+
+function beep() {
+  let pause = 400;
+  if (current && context.state === "running") {
+    const share = Math.min(1, Math.max(0, Math.log(current[CM] / 30) / Math.log(5000 / 30))); // 0 near … 1 far
+    const now = context.currentTime, tone = context.createOscillator(), gain = context.createGain();
+    tone.frequency.value = 1900 - 1400 * share;
+    gain.gain.setValueAtTime(0.0001, now);
+    gain.gain.exponentialRampToValueAtTime(0.16, now + 0.01);
+    gain.gain.exponentialRampToValueAtTime(0.0001, now + 0.09);
+    tone.connect(gain).connect(context.destination);
+    tone.start(now);
+    tone.stop(now + 0.1);
+    pause = 130 + 1000 * share;
+  }
+  timer = setTimeout(beep, pause);
 }

@@ -1,9 +1,39 @@
-// The player of a record: the chosen time, and playing from there.
+// The player of a record: the chosen time, and the time line with phases, faults, events and marks.
 
-import { clock } from "./store.js";
-import { showTimeLine } from "./timeline.js";
+import { clock, el } from "./store.js";
 
 const $ = (id) => document.getElementById(id);
+
+const line = $("line");
+let shown = "";
+
+// Return the position of a time in a window of time, as a length.
+const at = (time, [from, to]) => `${(100 * (time - from)) / Math.max(1e-3, to - from)}%`;
+
+function showTimeLine(data, window, time, vehicle) {
+  const key = JSON.stringify([window, vehicle, data.events.length]);
+  if (key !== shown) {
+    shown = key;
+    const inside = (from, to = from) => to >= window[0] && from <= window[1];
+    const made = [];
+    const put = (from, to, attributes, words = "") => {
+      const one = el("span", attributes, words);
+      one.style.left = at(Math.max(from, window[0]), window);
+      if (to > from) one.style.width = `calc(${at(Math.min(to, window[1]), window)} - ${one.style.left})`;
+      made.push(one);
+    };
+    for (const kind of ["phases", "faults", "marks"]) {
+      for (const [from, to, of, words] of data[kind]) {
+        if (inside(from, to) && (of === vehicle || !of)) put(from, to, { class: kind, title: `${words}, ${clock(from)}` }, kind === "marks" ? "" : words);
+      }
+    }
+    for (const [when, level, words] of data.events) {
+      if (inside(when)) put(when, when, { class: "tick", "data-level": level, title: `${clock(when)} ${words}` });
+    }
+    line.replaceChildren(...made, el("span", { class: "now" }));
+  }
+  line.lastChild.style.left = at(time, window);
+}
 
 export class Player {
   constructor(changed) {
@@ -19,9 +49,9 @@ export class Player {
     this.vehicle = "";
     $("longer").addEventListener("click", () => this.zoom(2));
     $("shorter").addEventListener("click", () => this.zoom(0.5));
-    $("line").addEventListener("wheel", (event) => { event.preventDefault(); this.zoom(event.deltaY > 0 ? 1.25 : 0.8); }, { passive: false });
-    $("line").addEventListener("pointerdown", (event) => { $("line").setPointerCapture(event.pointerId); this.point(event); });
-    $("line").addEventListener("pointermove", (event) => { if (event.buttons) this.point(event); });
+    line.addEventListener("wheel", (event) => { event.preventDefault(); this.zoom(event.deltaY > 0 ? 1.25 : 0.8); }, { passive: false });
+    line.addEventListener("pointerdown", (event) => { line.setPointerCapture(event.pointerId); this.point(event); });
+    line.addEventListener("pointermove", (event) => { if (event.buttons) this.point(event); });
     $("slider").addEventListener("input", () => { this.at = Number($("slider").value); this.show(); this.changed(); });
     $("play").addEventListener("click", () => this.play(!this.playing));
   }
@@ -37,7 +67,7 @@ export class Player {
 
   // Go to the time at a pointer.
   point(event) {
-    const { left, width } = $("line").getBoundingClientRect(), [from, to] = this.window;
+    const { left, width } = line.getBoundingClientRect(), [from, to] = this.window;
     this.go(from + ((event.clientX - left) / width) * (to - from));
   }
 

@@ -52,11 +52,8 @@ export function shapeOf(id) { return SHAPES[id === null || id < 0 ? 0 : id % SHA
 
 // Return the sign of a transmitter for a line of text.
 export function signOf(id) {
-  const sign = document.createElementNS("http://www.w3.org/2000/svg", "svg"), path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-  for (const [key, value] of Object.entries({ class: `dot ${id === null || id < 0 ? "" : `look${id % COLOURS}`}`, viewBox: "-8 -8 16 16", "aria-hidden": "true" })) sign.setAttribute(key, value);
-  path.setAttribute("d", shapeOf(id));
-  sign.append(path);
-  return sign;
+  const look = id === null || id < 0 ? "" : `look${id % COLOURS}`;
+  return svg("svg", { class: `dot ${look}`, viewBox: "-8 -8 16 16", "aria-hidden": "true" }, svg("path", { d: shapeOf(id) }));
 }
 
 let colours = new Map();
@@ -102,9 +99,11 @@ export function precise(m, digits) {
 export function inTime(ms) { return ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`; }
 
 // Return an element with attributes and children; texts are never markup.
-export function el(name, attributes = {}, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+export function el(name, attributes, ...children) { return filled(document.createElement(name), attributes, children); }
+export function svg(name, attributes, ...children) { return filled(document.createElementNS("http://www.w3.org/2000/svg", name), attributes, children); }
+
+function filled(made, attributes, children) {
+  for (const [key, value] of Object.entries(attributes ?? {})) made.setAttribute(key, value);
   made.append(...children);
   return made;
 }
