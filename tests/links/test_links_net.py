@@ -22,6 +22,7 @@ from arva_hil.links.stdout import StdoutLink, open_stdout
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
+from tests.every import every
 from tests.free_ports import free_port
 from tests.links.links_waiting import DEADLINE_S, Keep, receive, until
 
@@ -45,74 +46,174 @@ def come(link: Link) -> list[tuple[Any, bytes]]:
     return link.receive()
 
 
-def two(link: UdpInLink, keep: Keep) -> tuple[Link, Link, Any, Any]:
-    """Two that have sent, and the senders that the link knows them by."""
-    first, second = (keep(UdpOutLink("127.0.0.1", link.port)) for _ in range(2))
-    first.write(b"first")
-    ((one, _),) = come(link)
-    second.write(b"second")
-    ((other, _),) = come(link)
-    return first, second, one, other
+class Several:
+    """A link, and the ends of two that send to it: `ends` by name, and `senders`, as the link knows them."""
+
+    def __init__(self, kind: type[UdpInLink] | type[TcpServerLink], keep: Keep) -> None:
+        self.link = keep(kind())
+        assert (self.link.read(), self.link.write(b"to nobody"), self.link.dropped) == (b"", False, 1)
+        end = UdpOutLink if kind is UdpInLink else TcpLink
+        self.ends = {name: keep(end("127.0.0.1", self.link.port)) for name in ("one", "other")}
+        self.senders: dict[Any, str] = {}
+        for name, there in self.ends.items():
+            there.write(name.encode())
+            ((sender, data),) = come(self.link)
+            assert (sender not in self.senders, data) == (True, name.encode())
+            self.senders[sender] = name
+
+    def sender(self, name: str | None) -> Any:
+        return next((sender for sender, known in self.senders.items() if known == name), None)
 
 
-def test_udpin_keeps_several_senders_apart(udpin: UdpInLink, keep: Keep) -> None:
-    first, second, one, other = two(udpin, keep)
-    assert one != other
-    for link, data in ((second, b"a"), (first, b"b"), (second, b"c")):
-        link.write(data)
-    assert come(udpin) == [(other, b"ac"), (one, b"b")]
+Step = Callable[[Several], object]
 
 
-def test_udpin_hears_its_peer_first_and_answers_nobody_else(udpin: UdpInLink, keep: Keep) -> None:
-    first, second, one, other = two(udpin, keep)
-    udpin.follow(one)
-    second.write(b"second")
-    first.write(b"first")
-    assert come(udpin) == [(one, b"first"), (other, b"second")]
-    assert udpin.strangers == 1
-    assert udpin.stranger == "{}:{}".format(*other)
-    assert udpin.write(b"answer")
-    assert receive(first, 6) == b"answer"
-    assert second.read() == b""
+def sends(name: str, data: bytes) -> Step:
+    return lambda of: of.ends[name].write(data)
 
 
-def test_udpin_answers_only_whom_it_is_told_to_before_there_is_a_peer(udpin: UdpInLink, keep: Keep) -> None:
-    first, second, one, _ = two(udpin, keep)
-    udpin.follow(None, [one])
-    assert udpin.write(b"hello")
-    assert receive(first, 5) == b"hello"
-    assert second.read() == b""
-    udpin.follow(None)
-    assert not udpin.write(b"to nobody")
-    assert udpin.dropped == 1
+def comes(*wanted: tuple[str, bytes]) -> Step:
+    """Something is there, and this is read; nothing if nobody is named."""
+
+    def step(of: Several) -> None:
+        until(of.link.ready, of.link)
+        assert [(of.senders[sender], data) for sender, data in of.link.receive()] == [*wanted]
+
+    return step
 
 
-def test_another_peer_in_the_place_of_one_is_a_loss_and_a_return(udpin: UdpInLink, keep: Keep) -> None:
-    _, second, one, other = two(udpin, keep)
-    udpin.follow(None, [one])
-    udpin.follow(one)
-    assert (udpin.losses, udpin.renewals) == (0, 0)
-    udpin.follow(other)
-    assert (udpin.losses, udpin.renewals, udpin.returns) == (1, 1, 1)
-    assert "lost: {}:{} is silent".format(*one) in udpin.why
-    udpin.write(b"answer")
-    assert receive(second, 6) == b"answer"
+def follows(peer: str | None, *others: str) -> Step:
+    return lambda of: of.link.follow(of.sender(peer), [of.sender(one) for one in others])
 
 
-def test_once_pinned_nobody_takes_the_peers_place(udpin: UdpInLink, keep: Keep) -> None:
-    first, second, one, other = two(udpin, keep)
-    udpin.follow(one)
-    udpin.pin()
-    udpin.follow(other)
-    second.write(b"I am here")
-    until(udpin.ready, udpin)
-    assert udpin.receive() == []
-    first.write(b"and I")
-    assert come(udpin) == [(one, b"and I")]
-    udpin.write(b"answer")
-    assert receive(first, 6) == b"answer"
-    assert second.read() == b""
-    assert (udpin.losses, udpin.strangers) == (0, 1)
+def writes(data: bytes, *names: str) -> Step:
+    """All of these get it, and no other end."""
+
+    def step(of: Several) -> None:
+        assert of.link.write(data) == bool(names)
+        assert all(receive(of.ends[name], len(data)) == data for name in names)
+        assert all(there.read() == b"" for name, there in of.ends.items() if name not in names)
+
+    return step
+
+
+def pins(of: Several) -> None:
+    of.link.pin()
+
+
+def leaves(name: str) -> Step:
+    def step(of: Several) -> None:
+        there = of.ends.pop(name)
+        there.close()
+        until(lambda: of.link.read() == b"" and of.link.away, of.link)
+
+    return step
+
+
+def lost(name: str) -> Step:
+    """It leaves, and that is for good."""
+
+    def step(of: Several) -> None:
+        of.ends.pop(name).close()
+        with pytest.raises(LinkError, match=r"lost: closed by the far end$"):
+            until(lambda: of.link.receive() and False, of.link)
+
+    return step
+
+
+def counts(**wanted: object) -> Step:
+    def step(of: Several) -> None:
+        assert {name: getattr(of.link, name) for name in wanted} == wanted
+
+    return step
+
+
+def silent_is(name: str) -> Step:
+    def step(of: Several) -> None:
+        assert f"lost: {'{}:{}'.format(*of.sender(name))} is silent" in of.link.why
+
+    return step
+
+
+def stranger_is(name: str) -> Step:
+    def step(of: Several) -> None:
+        assert of.link.stranger == "{}:{}".format(*of.sender(name))
+
+    return step
+
+
+ONE, OTHER = ("one", b"first"), ("other", b"second")
+
+
+@pytest.mark.parametrize("kind", [UdpInLink, TcpServerLink])
+@every(
+    "story, steps",
+    [
+        (
+            "every write goes to all, until there is a peer, which is heard first and alone is answered",
+            [
+                *(writes(b"frame", "one", "other"), sends(*OTHER), comes(OTHER), sends(*ONE), comes(ONE)),
+                *(follows("one"), sends(*OTHER), comes(OTHER), counts(strangers=1, losses=0), stranger_is("other")),
+                *(sends(*OTHER), sends(*ONE), comes(ONE, OTHER), writes(b"answer", "one")),
+            ],
+        ),
+        (
+            "before there is a peer it answers only whom it is told to",
+            [follows(None, "one"), writes(b"hello", "one"), follows(None), writes(b"to nobody"), counts(dropped=2)],
+        ),
+        (
+            "another peer in the place of one is a loss and a return",
+            [
+                *(follows(None, "one"), follows("one"), counts(losses=0, renewals=0), follows("other")),
+                *(counts(losses=1, renewals=1, returns=1), silent_is("one"), writes(b"answer", "other")),
+            ],
+        ),
+        (
+            "once pinned nobody takes the peer's place",
+            [
+                *(follows("one"), pins, follows("other"), sends(*OTHER), comes(), sends(*ONE), comes(ONE)),
+                *(writes(b"answer", "one"), counts(losses=0, strangers=1)),
+            ],
+        ),
+    ],
+)
+def test_of_several_that_send(story: str, steps: list[Step], kind: type[Any], keep: Keep) -> None:
+    of = Several(kind, keep)
+    for step in steps:
+        step(of)
+
+
+@every(
+    "story, steps",
+    [
+        (  # the session does not know yet that the peer has left when it names it again
+            "a vehicle that leaves is lost, whoever else is connected",
+            [
+                *(follows("one"), leaves("one"), follows("one"), writes(b"to nobody"), sends(*OTHER), comes(OTHER)),
+                *(follows("other"), counts(losses=1, renewals=1, away=False), writes(b"answer", "other")),
+            ],
+        ),
+        (
+            "once pinned a vehicle that leaves is lost for good",
+            [follows("one"), pins, sends(*OTHER), comes(), lost("one"), sends(*OTHER), comes(), writes(b"to nobody")],
+        ),
+    ],
+)
+def test_of_several_clients_one_leaves(story: str, steps: list[Step], keep: Keep) -> None:
+    of = Several(TcpServerLink, keep)
+    for step in steps:
+        step(of)
+
+
+def test_udpin_joins_what_each_sent_in_the_order_of_their_first(keep: Keep) -> None:
+    of = Several(UdpInLink, keep)
+    for step in (
+        sends("other", b"a"),
+        sends("one", b"b"),
+        sends("other", b"c"),
+        comes(("other", b"ac"), ("one", b"b")),
+    ):
+        step(of)
 
 
 def test_every_consumer_that_sent_a_datagram_gets_the_frames(udpin: UdpInLink, keep: Keep) -> None:
@@ -123,12 +224,6 @@ def test_every_consumer_that_sent_a_datagram_gets_the_frames(udpin: UdpInLink, k
     assert udpin.write(b"frame")
     assert [receive(consumer, 5) for consumer in consumers[1:]] == [b"frame"] * 8  # the eight heard last
     assert consumers[0].read() == b""
-
-
-def test_udpin_without_a_peer_drops(udpin: UdpInLink) -> None:
-    assert not udpin.write(b"to nobody")
-    assert udpin.dropped == 1
-    assert udpin.peer is None
 
 
 def test_one_write_is_one_datagram_and_several_are_read_joined(udpin: UdpInLink) -> None:
@@ -288,12 +383,6 @@ def test_small_writes_go_at_once(tcpin: TcpServerLink, keep: Keep) -> None:
         assert link.sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
-def test_a_server_without_a_client_drops(tcpin: TcpServerLink) -> None:
-    assert tcpin.read() == b""
-    assert not tcpin.write(b"to nobody")
-    assert tcpin.dropped == 1
-
-
 def test_a_server_that_only_writes_finds_its_client(tcpin: TcpServerLink, keep: Keep) -> None:
     client = keep(TcpLink("127.0.0.1", tcpin.port))
     until(tcpin.ready, tcpin)
@@ -317,25 +406,6 @@ def clients(server: TcpServerLink, keep: Keep, count: int) -> list[Link]:
         made.append(keep(TcpLink("127.0.0.1", server.port)))
         until(lambda: server.receive() is not None and len(server._clients) == n, server)  # noqa: B023
     return made
-
-
-def test_several_clients_get_every_write_and_are_kept_apart(tcpin: TcpServerLink, keep: Keep) -> None:
-    first, second = clients(tcpin, keep, 2)
-    assert tcpin.write(b"frame")
-    assert receive(first, 5) == receive(second, 5) == b"frame"
-    second.write(b"a")
-    ((other, data),) = come(tcpin)
-    assert data == b"a"
-    first.write(b"b")
-    ((one, data),) = come(tcpin)
-    assert (data, one != other) == (b"b", True)
-    tcpin.follow(one)
-    second.write(b"c")
-    assert come(tcpin) == [(other, b"c")]
-    assert tcpin.strangers == 1
-    assert tcpin.write(b"answer")
-    assert receive(first, 6) == b"answer"
-    assert second.read() == b""
 
 
 def test_a_slow_client_delays_no_other_gets_whole_writes_only_and_is_dropped_in_the_end(keep: Keep) -> None:
@@ -413,41 +483,6 @@ def test_the_link_is_lost_with_the_last_client_and_back_with_the_next(tcpin: Tcp
             until(lambda: tcpin.read() == b"" and client.name and len(tcpin._clients) < 2, tcpin)  # noqa: B023
         until(lambda: tcpin.read() == b"" and tcpin.away, tcpin)
         assert "lost: closed by the far end, waiting for the next client" in tcpin.why
-    assert not tcpin.write(b"to nobody")
-
-
-def test_a_vehicle_that_leaves_is_lost_whoever_else_is_connected(tcpin: TcpServerLink, keep: Keep) -> None:
-    vehicle, other = clients(tcpin, keep, 2)
-    vehicle.write(b"v")
-    ((peer, _),) = come(tcpin)
-    tcpin.follow(peer)
-    vehicle.close()
-    until(lambda: tcpin.read() == b"" and tcpin.away, tcpin)
-    tcpin.follow(peer)  # the session does not know yet
-    assert not tcpin.write(b"to nobody")
-    other.write(b"v")
-    ((again, _),) = come(tcpin)
-    tcpin.follow(again)
-    assert (tcpin.losses, tcpin.renewals, tcpin.away) == (1, 1, False)
-    assert tcpin.write(b"answer")
-    assert receive(other, 6) == b"answer"
-
-
-def test_once_pinned_a_vehicle_that_leaves_is_lost_for_good(tcpin: TcpServerLink, keep: Keep) -> None:
-    vehicle, other = clients(tcpin, keep, 2)
-    vehicle.write(b"v")
-    ((peer, _),) = come(tcpin)
-    tcpin.follow(peer)
-    tcpin.pin()
-    other.write(b"v")
-    until(tcpin.ready, tcpin)
-    assert tcpin.receive() == []
-    vehicle.close()
-    with pytest.raises(LinkError, match=r"lost: closed by the far end$"):
-        until(lambda: tcpin.receive() and False, tcpin)
-    other.write(b"v")
-    until(tcpin.ready, tcpin)
-    assert tcpin.receive() == []
     assert not tcpin.write(b"to nobody")
 
 
