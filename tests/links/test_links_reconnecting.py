@@ -26,6 +26,7 @@ from arva_hil.links.reconnecting import Job, ReconnectingLink, open_reconnecting
 from arva_hil.links.serial_ports import Barred, SerialOpener, stable_name
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
+from tests.every import every
 from tests.free_ports import free_port
 from tests.links.links_waiting import Keep, receive, until
 
@@ -77,34 +78,140 @@ def cable() -> Iterator[Cable]:
 # The wrapper, on memory links and a stepped clock
 
 
-def test_a_link_that_is_there_is_just_that(cable: Cable) -> None:
-    assert cable.link.write(b"x")
-    assert cable.far.read() == b"x"
-    cable.far.write(b"y")
-    assert cable.link.ready()
-    assert cable.link.read() == b"y"
+Step = Callable[[Cable], object]
+
+
+def waits(seconds: float, read: bytes = b"") -> Step:
+    """So long it is read, as by a loop."""
+
+    def step(cable: Cable) -> None:
+        assert cable.wait(seconds) == read
+
+    return step
+
+
+def writes(data: bytes, *, taken: bool = True) -> Step:
+    def step(cable: Cable) -> None:
+        assert cable.link.write(data) is taken
+        assert not taken or cable.far.read() == data
+
+    return step
+
+
+def reads(data: bytes) -> Step:
+    def step(cable: Cable) -> None:
+        cable.far.write(data)
+        assert cable.link.ready()
+        assert cable.link.read() == data
+        assert not cable.link.ready()
+
+    return step
+
+
+def is_away(losses: int, returns: int, **more: object) -> Step:
+    """Its counts, and other attributes, while it is away."""
+
+    def step(cable: Cable) -> None:
+        assert cable.counts == (losses, returns)
+        assert {name: getattr(cable.link, name) for name in more} == more
+
+    return step
+
+
+def is_there(losses: int, returns: int, **more: object) -> Step:
+    return is_away(losses, returns, away=False, **more)
+
+
+def fails(error: Exception) -> Step:
+    return lambda cable: setattr(cable, "fails", error)
+
+
+def plug(cable: Cable) -> None:
+    cable.there = True
+
+
+def asked(cable: Cable) -> None:
+    assert cable.link.read() == b""
     assert not cable.link.ready()
-    assert cable.link.name == "memory:a"
-    assert cable.wait(1.0) == b""
-    assert (cable.tries, cable.counts, cable.link.away) == ([], (0, 0), False)
+
+
+pull = Cable.pull
+LOST = "memory:a: lost: closed by the far end, searching for it"
+
+
+@every(
+    "story, steps",
+    [
+        (
+            "a link that is there is just that",
+            [writes(b"x"), reads(b"y"), waits(1.0), is_there(0, 0, name="memory:a")],
+        ),
+        (
+            "a full link is not a lost one",
+            [lambda cable: cable.link.write(b"x" * 1000), writes(b"y", taken=False), is_there(0, 0, dropped=1)],
+        ),
+        (
+            "while it is away nothing is read",
+            [pull, *[asked] * 5, is_away(1, 0, away=True, dropped=0, why=LOST)],
+        ),
+        (
+            "while it is away writes are dropped",
+            [pull, *[writes(b"x", taken=False)] * 5, is_away(1, 0, away=True, dropped=5, why=LOST)],
+        ),
+        (
+            "it is found soon, and both ways work again",
+            [
+                step
+                for n in range(1, 4)
+                for step in (
+                    *(pull, waits(3.0), plug, waits(0.45), writes(b"frame")),
+                    *(reads(b"bytes"), is_there(n, n, renewals=n)),
+                )
+            ],
+        ),
+        (
+            "bytes prove a connection, and so does time",
+            [
+                *(pull, plug, waits(0.1), is_away(1, 0, renewals=1), reads(b"x"), is_away(1, 1)),
+                *(pull, plug, waits(0.1), is_away(2, 1), waits(0.4), is_away(2, 2)),
+            ],
+        ),
+        (
+            "an OSError while opening means not yet",
+            [pull, fails(OSError(24, "Too many open files")), waits(1.0), plug, waits(0.8), is_away(1, 1)],
+        ),
+        (
+            "why it cannot be opened is known, and it is tried on",
+            [
+                *(pull, waits(1.0), is_away(1, 0, why=LOST), fails(Barred("cable", "busy", "close the other program"))),
+                *(waits(1.0), is_away(1, 0, why="cable: busy; close the other program"), plug, waits(0.8)),
+                *(is_there(1, 1), pull, asked, is_away(2, 1, why=LOST)),
+            ],
+        ),
+    ],
+)
+def test_a_cable_that_is_pulled_and_plugged(story: str, steps: list[Step]) -> None:
+    cable = Cable()
+    for step in steps:
+        step(cable)
+    cable.link.close()
+
+
+def test_a_link_that_was_never_lost_is_not_opened_again(cable: Cable) -> None:
+    cable.wait(1.0)
+    assert cable.tries == []
 
 
 def test_one_that_is_not_there_yet_is_away_from_the_start_and_that_is_no_loss() -> None:
     cable = Cable()
-    cable.link = ReconnectingLink(
-        Absent("cable", "no such cable", "plug it in"), cable._open, cable.clock, start=lambda job: job()
-    )
-    assert (cable.link.name, cable.link.why) == ("cable", "cable: no such cable; plug it in")
-    assert cable.wait(3.0) == b""
-    assert (cable.link.away, cable.counts, cable.link.write(b"x")) == (True, (0, 0), False)
-    cable.there = True
-    cable.wait(0.45)
-    assert (cable.link.away, cable.counts, cable.link.renewals) == (False, (0, 0), 1)
-    assert cable.link.write(b"frame")
-    assert cable.far.read() == b"frame"
-    cable.pull()
-    cable.wait(0.1)
-    assert (cable.link.away, cable.counts) == (True, (1, 0))
+    absent = Absent("cable", "no such cable", "plug it in")
+    cable.link = ReconnectingLink(absent, cable._open, cable.clock, start=lambda job: job())
+    for step in (
+        *(is_away(0, 0, name="cable", why="cable: no such cable; plug it in"), waits(3.0), writes(b"x", taken=False)),
+        *(is_away(0, 0, away=True), plug, waits(0.45), is_there(0, 0, renewals=1), writes(b"frame")),
+        *(pull, waits(0.1), is_away(1, 0, away=True)),
+    ):
+        step(cable)
     cable.link.close()
 
 
@@ -114,37 +221,6 @@ def test_once_pinned_a_loss_is_for_good(cable: Cable) -> None:
     with pytest.raises(LinkError, match=r"lost: closed by the far end$"):
         cable.link.read()
     assert cable.tries == []
-
-
-def test_a_full_link_is_not_a_lost_one(cable: Cable) -> None:
-    assert cable.link.write(b"x" * 1000)
-    assert not cable.link.write(b"y")
-    assert (cable.link.dropped, cable.counts) == (1, (0, 0))
-
-
-@pytest.mark.parametrize("by", ["read", "write"])
-def test_while_it_is_away_nothing_is_read_and_writes_are_dropped(cable: Cable, by: str) -> None:
-    cable.pull()
-    for n in range(5):
-        assert (cable.link.read() == b"") if by == "read" else (not cable.link.write(b"x"))
-        assert cable.link.away
-        assert not cable.link.ready()
-        assert cable.link.dropped == (n + 1 if by == "write" else 0)
-    assert cable.counts == (1, 0)
-    assert cable.link.why == "memory:a: lost: closed by the far end, searching for it"
-
-
-def test_it_is_found_soon_and_both_ways_work_again(cable: Cable) -> None:
-    for n in range(1, 4):
-        cable.pull()
-        cable.wait(3.0)
-        cable.there = True
-        cable.wait(0.45)
-        assert cable.link.write(b"frame")
-        assert cable.far.read() == b"frame"
-        cable.far.write(b"bytes")
-        assert cable.link.read() == b"bytes"
-        assert (cable.counts, cable.link.away, cable.link.renewals) == ((n, n), False, n)
 
 
 def test_tries_are_frequent_at_first_and_never_far_apart(cable: Cable) -> None:
@@ -161,22 +237,6 @@ def test_tries_are_frequent_at_first_and_never_far_apart(cable: Cable) -> None:
     lost = cable.clock.now() - 100.0
     cable.wait(0.2)
     assert cable.tries[before] - lost == pytest.approx(0.05, abs=0.011)  # a new absence starts anew
-
-
-def test_bytes_prove_a_connection_and_so_does_time(cable: Cable) -> None:
-    cable.pull()
-    cable.there = True
-    cable.wait(0.1)
-    assert (cable.link.renewals, cable.counts) == (1, (1, 0))
-    cable.far.write(b"x")
-    assert cable.link.read() == b"x"
-    assert cable.counts == (1, 1)
-    cable.pull()
-    cable.there = True
-    cable.wait(0.1)
-    assert cable.counts == (2, 1)
-    cable.wait(0.4)
-    assert cable.counts == (2, 2)
 
 
 def test_a_door_that_opens_and_shuts_is_one_loss_and_tried_no_more_often(cable: Cable) -> None:
@@ -209,31 +269,6 @@ def test_an_error_nobody_foresaw_is_not_swallowed(cable: Cable, by: str) -> None
     cable.clock.wait(cable.clock.now() + 0.06)
     with pytest.raises(ZeroDivisionError, match="a mistake"):
         cable.link.read() if by == "read" else cable.link.write(b"x")
-
-
-def test_an_os_error_while_opening_means_not_yet(cable: Cable) -> None:
-    cable.pull()
-    cable.fails = OSError(24, "Too many open files")
-    cable.wait(1.0)
-    cable.there = True
-    cable.wait(0.8)
-    assert cable.counts == (1, 1)
-
-
-def test_why_it_cannot_be_opened_is_known_and_it_is_tried_on(cable: Cable) -> None:
-    cable.pull()
-    cable.wait(1.0)
-    absent = cable.link.why
-    assert absent == "memory:a: lost: closed by the far end, searching for it"
-    cable.fails = Barred("cable", "busy", "close the other program")
-    cable.wait(1.0)
-    assert cable.link.why == "cable: busy; close the other program"
-    cable.there = True
-    cable.wait(0.8)
-    assert (cable.counts, cable.link.away) == ((1, 1), False)
-    cable.pull()
-    cable.link.read()
-    assert cable.link.why == absent
 
 
 @pytest.mark.parametrize("by", ["read", "write"])
