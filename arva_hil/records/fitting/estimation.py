@@ -39,7 +39,6 @@ _NEAR_LIMIT: Final = 0.85  # readings predicted beyond this share of the range a
 _NEAR: Final = 5.0  # standard deviations of GPS: nearer readings are left out, their place is not known
 _BENT: Final = 0.1  # rad or of ln d: readings where GPS bends the prediction more, as near δ's poles, are left out
 _NOISY: Final = 0.3  # relative noise beyond which a reading is left out
-_MOST_NOISE_ROWS: Final = 340
 _START_READINGS: Final = 150
 _LEAST_AGE_S: Final = 1e-3
 _ROBUST: Final = (0.12, 0.15)  # scale of residuals of ln d and δ at the start
@@ -50,11 +49,6 @@ class Part(NamedTuple):
 
     flight: RecordedFlight
     bad: Floats
-
-    def every(self, step: int) -> Part:
-        """Return every `step`-th reading."""
-        keep = np.arange(len(self.flight)) % step == 0
-        return Part(self.flight.part(keep), self.bad[keep])
 
 
 _NoiseProblem = tuple[Part, Predicted, Linear, Floats]
@@ -233,10 +227,8 @@ class Estimation:
 
         problems = []
         for part in self.parts():
-            step = max(1, 2 * len(part.flight) // _MOST_NOISE_ROWS)
-            some = part.every(step)
-            predicted, linear = self.linear(some, self.theta)
-            problems.append((some, predicted, linear, self.jacobian(some, self.theta, linear)))
+            predicted, linear = self.linear(part, self.theta)
+            problems.append((part, predicted, linear, self.jacobian(part, self.theta, linear)))
         told = self._noise_cost(problems)
         start = self.scatter.theta
         simplex = np.vstack([start, *(start + 0.7 * row for row in np.eye(3))])
