@@ -20,7 +20,7 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.choice import Choice
-from arva_hil.search.mission.ground import Descent, Height, descent_of
+from arva_hil.search.mission.ground import Descent, Height
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.analysis import Inline
 from arva_hil.search.strategies.guidance import Guidance
@@ -256,7 +256,7 @@ class Hunter:
         self.mate.report(now, at(north, east, -self.at[2]), flying=not self.landed, hunting=hunting, searching=not over)
         wanted = (*towards(self.at, circle, 1.0), 0.0)
         if over:
-            self._descent = self._descent or descent_of(self.mate, self._place, 1.0, now, -self.at[2])
+            self._descent = self._descent or Descent(self._place, 1.0, now, -self.at[2], self.mate)
             wanted = self._descent.velocity(now, self.at, Height(-self.at[2], True))
         if not self.landed:
             velocity = self.mate.apart(self.at, wanted, 1.0)

@@ -229,7 +229,7 @@ class Session:
         if self.vehicle and not beats.lost:
             home, to = self.navigation.home is None, (self.vehicle.system, self.vehicle.component)
             out += b"".join(map(self.encoder.pack, self.streams.poll(now, *to, home=home)))
-        return out, self._emitted()
+        return out, self._emitted() if self._events else ()
 
     def interrupt(self, why: str) -> None:
         """Handle a lost link: until `resume` nothing can be sent, and silence does not count."""

@@ -26,6 +26,8 @@ from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.strategy import Found, Observation, Position
 from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Channel, Frame, LevelChannel, VectorChannel
 
+NO_ID: Final = -1  # in place of an id, if the frames have none
+
 _SILENT_S: Final = 2.0  # without a frame: the receiver does not work, hover
 _SAME_FRAMES: Final = 3  # at least
 _OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance
@@ -40,18 +42,18 @@ class StuckReadings:
 
     def __init__(self) -> None:
         self.whole = SameReading((), (0.0, 0.0, 0.0))
-        self._each: dict[int | None, SameReading] = {}
+        self._each: dict[int, SameReading] = {}
 
-    def repeats(self, id_: int | None) -> bool:
+    def repeats(self, id_: int) -> bool:
         """Return True if the reading of this transmitter is of another place."""
         return id_ in self._each and self._each[id_].old
 
     def observe(self, heard: Sequence[Channel], position: Position, time_s: float) -> None:
         """Use the channels of a new frame that have a signal, and the receiver's place."""
         self.whole = self.whole.after(tuple(heard), position, time_s)
-        before, self._each, by_id = self._each, {}, dict[int | None, list[Channel]]()
+        before, self._each, by_id = self._each, {}, dict[int, list[Channel]]()
         for channel in heard:
-            by_id.setdefault(channel.id, []).append(channel)
+            by_id.setdefault(NO_ID if channel.id is None else channel.id, []).append(channel)
         for id_, channels in by_id.items():
             same = before.get(id_) or SameReading(tuple(channels), position)
             self._each[id_] = same.after(tuple(channels), position, time_s)
@@ -129,7 +131,6 @@ class Pauses:
         return because(Why.SAME_READING) if too_long else None
 
 
-NO_ID: Final = -1  # in place of an id, if the frames have none
 _NEARER: Final = 0.7  # choose another transmitter only if it is nearer by this factor
 _NEARER_S: Final = 1.0  # choose it after this time: near a transmitter a dead antenna causes short gaps
 _DEAF_S: Final = 60.0  # fly strips again after this time without a signal of the transmitter

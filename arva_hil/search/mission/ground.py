@@ -368,26 +368,45 @@ class HeightKeeper:
 
 
 class Descent:
-    """The descent onto `place` (north, east).
+    """The descent onto `place` (north, east), in a team onto the nearest place that is free at each step.
 
-    `done`: the autopilot must land now. `blocked`: it cannot land there, because another vehicle stays below. `speed`:
-    the highest of the search [m/s].
+    `done`: the autopilot must land now. `blocked`: it cannot land there, because another vehicle stays below; before
+    that the descent begins again, twice. `speed`: the highest of the search [m/s].
 
     The vehicle descends only above the place; elsewhere it first flies there. Low above the place it stops, and then
     only sinks.
     """
 
-    def __init__(self, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:
-        self.done = self.blocked = False
-        self.place = place
+    def __init__(
+        self, place: tuple[float, float], speed: float, start_s: float, height: float, team: Teammate | None = None
+    ) -> None:
+        self.blocked = False
+        self._place = place
         self._speed = min(speed, _APPROACH_M_S)
+        self._team = team
+        self._tries = 0
+        self._begin(start_s, height)
+
+    def _begin(self, start_s: float, height: float) -> None:
+        self.done = self._settled = False
         self._late_s = start_s + _LIMIT_S + 5 * max(height, 0.0)
         self._low_s = math.inf
-        self._settled = False
+        self._tries += 1
 
     def velocity(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         """Return the velocity, NED, m/s."""
-        off = math.dist(position[:2], self.place)
+        place = self._team.beside(self._place) if self._team else self._place
+        velocity = self._towards(place, time_s, position, height)
+        if self.done and not self.blocked and self._team and self._team.above_another(position):
+            self.blocked = self._tries == _MOST_DESCENTS
+            if not self.blocked:
+                self._begin(time_s, height.metres)
+        return velocity
+
+    def _towards(
+        self, place: tuple[float, float], time_s: float, position: Position, height: Height
+    ) -> tuple[float, float, float]:
+        off = math.dist(position[:2], place)
         floor = _LAND_M[not height.measured] + height.margin
         rest = floor + _REST_M
         if height.metres <= rest + 0.1:
@@ -402,36 +421,4 @@ class Descent:
         fastest = _SINK if height.metres > _LAST_M else _LAST_SPEED
         level = floor if self._settled else rest
         down = max(-_SINK, min(_GAIN * (height.metres - level), fastest))
-        return *towards(position, self.place, self._speed), down if above else min(down, 0.0)
-
-
-class TeamDescent(Descent):
-    """A descent that uses the places of the other vehicles at each step.
-
-    While another vehicle stays below it begins again, at most twice; then it is `blocked`.
-    """
-
-    def __init__(self, team: Teammate, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:
-        super().__init__(place, speed, start_s, height)
-        self._team = team
-        self._wanted = place
-        self._left = _MOST_DESCENTS
-
-    def velocity(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
-        self.place = self._team.beside(self._wanted)
-        velocity = super().velocity(time_s, position, height)
-        if self.done and not self.blocked and self._team.above_another(position):
-            self._left -= 1
-            self.blocked = not self._left
-            if not self.blocked:
-                super().__init__(self._wanted, self._speed, time_s, height.metres)
-        return velocity
-
-
-def descent_of(
-    team: Teammate | None, place: tuple[float, float], speed: float, start_s: float, height: float
-) -> Descent:
-    """Return the descent onto a place (north, east), in a team not onto another vehicle."""
-    if team is None:
-        return Descent(place, speed, start_s, height)
-    return TeamDescent(team, place, speed, start_s, height)
+        return *towards(position, place, self._speed), down if above else min(down, 0.0)

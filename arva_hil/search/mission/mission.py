@@ -32,7 +32,7 @@ from arva_hil.search.mission.choice import (
     observations,
     pulses,
 )
-from arva_hil.search.mission.ground import Descent, Height, HeightKeeper, descent_of
+from arva_hil.search.mission.ground import Descent, Height, HeightKeeper
 from arva_hil.search.mission.victims import ReceiverHost, Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.guidance import Guidance
@@ -126,7 +126,7 @@ class Mission:
         every, heard = observations(received, time_s, position, rotation, self._keeper.ground), []
         repeats, guidance = self._pauses.readings.repeats, self.choice.guidance
         for id_, o in every.items():
-            if not repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
+            if not repeats(id_) and (id_ != NO_ID or not self.victims.explain(o)):
                 heard.append(id_)
                 self.choice.add(id_, o)
         if self.victims.several:
@@ -134,13 +134,12 @@ class Mission:
         if not self.ended and not self._reached:
             masked = self._shares and hidden(frame, self.choice.target)
             self.choice.choose(heard, time_s, masked=masked)
-            if self.choice.hunting and self.choice.target in heard:
-                guidance.observe(every[self.choice.target], self._keeper.wanted)
-            elif self.choice.hunting and not masked and not repeats(id_of(self.choice.target)):
-                self.choice.guidance.observe(
-                    Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted
-                )
-        self._use(self.choice.guidance.exchange(time_s), time_s, position)
+            target = self.choice.target
+            if self.choice.hunting and target in heard:
+                guidance.observe(every[target], self._keeper.wanted)
+            elif self.choice.hunting and target is not None and not masked and not repeats(target):
+                guidance.observe(Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted)
+        self._use(guidance.exchange(time_s), time_s, position)
 
     def fly(
         self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
@@ -236,7 +235,7 @@ class Mission:
     def _come_down(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         if self._descent is None:
             place = self.found.goal if self.found else position[:2]
-            self._descent = descent_of(self._team, place, self.plan.speed, time_s, height.metres)
+            self._descent = Descent(place, self.plan.speed, time_s, height.metres, self._team)
             if self.found:
                 self._emit(DescentBegun(time_s))
         if self.found:

@@ -104,8 +104,10 @@ class Analysis:
         """Follow the orders. An error of the strategy ends the search."""
         self._answer = self._answer._replace(velocity=None, belief=None, contradictions=None)
         try:
-            self._judge()
-            self._replay(_AT_A_TIME)
+            if self._unjudged:
+                self._judge(*self._unjudged)
+            if self._unheard:
+                self._replay(_AT_A_TIME)
             for follow, *arguments in orders:
                 follow(self, *arguments)
         except (Exception, SystemExit) as error:
@@ -147,7 +149,7 @@ class Analysis:
         if found is not None:
             self._unjudged = found, height_m
             if self._at_once:
-                self._judge()
+                self._judge(found, height_m)
 
     def steer(self, time_s: float, position: Position) -> None:
         """Ask the strategy for the velocity."""
@@ -171,10 +173,7 @@ class Analysis:
         for _ in range(min(most, len(self._unheard))):
             self._observe(self._unheard.popleft())
 
-    def _judge(self) -> None:
-        if self._unjudged is None:
-            return
-        found, height_m = self._unjudged
+    def _judge(self, found: Found, height_m: float) -> None:
         dipole = None if self._has_id else dipole_at(found, self._record.past)
         found, sure = self._record.judged(found, height_m)
         self._unjudged, self._answer = None, self._answer._replace(found=found, sure=sure, dipole=dipole)
@@ -200,16 +199,14 @@ class Worker(Protocol):
 class Inline:
     """A worker in the steering loop: an answer takes no time of a stepped clock."""
 
+    starved_s = 0.0
+
     def __init__(self, make: Callable[[], Strategy]) -> None:
         self._analysis = Analysis(make, at_once=True)
         self._answer: AnalysisResult | None = None
 
     def send(self, orders: Sequence[Order]) -> None:
         self._answer = self._analysis.answer(orders)
-
-    @property
-    def starved_s(self) -> float:
-        return 0.0
 
     def receive(self) -> AnalysisResult | None:
         return self._answer

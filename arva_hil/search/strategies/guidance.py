@@ -74,7 +74,7 @@ class Guidance:
 
     def exchange(self, time_s: float) -> AnalysisResult | None:
         """Send the waiting orders if the last batch is answered. Returns a new answer of the strategy, or None."""
-        answer = self._collect(time_s)
+        answer = None if self._sent_s is None else self._collect(time_s, self._sent_s)
         if self._sent_s is None and (self._orders or self._question):
             batch = self._orders[:_MOST_ORDERS]
             del self._orders[:_MOST_ORDERS]
@@ -83,7 +83,7 @@ class Guidance:
                 self._question = None
             self._worker.send(batch)
             self._sent_s, self._starved_s = time_s, self._worker.starved_s
-            answer = self._collect(time_s) or answer
+            answer = self._collect(time_s, time_s) or answer
         return answer
 
     def silent(self, time_s: float) -> str:
@@ -96,14 +96,12 @@ class Guidance:
         took_s = time_s - self._sent_s - (self._worker.starved_s - self._starved_s)
         return silent(took_s) if took_s > self._patience_s else ""
 
-    def _collect(self, time_s: float) -> AnalysisResult | None:
-        if self._sent_s is None:
-            return None
+    def _collect(self, time_s: float, sent_s: float) -> AnalysisResult | None:
         if (answer := self._worker.receive()) is None:
-            if time_s - self._sent_s > self._warn_s:
+            if time_s - sent_s > self._warn_s:
                 starved_s = self._worker.starved_s - self._starved_s
-                self._emit(StrategySlow(time_s, time_s - self._sent_s, starved_s))
-                self._warn_s = 2 * (time_s - self._sent_s)
+                self._emit(StrategySlow(time_s, time_s - sent_s, starved_s))
+                self._warn_s = 2 * (time_s - sent_s)
             return None
         self._sent_s = None
         if answer.failed:
