@@ -49,6 +49,16 @@ def of_a_vehicle(count: int, at_us: int = NOW_US, link: int = 0) -> list[Packet]
     return Parser().feed(b"".join(encoder.pack(HEARTBEAT) for _ in range(count)))
 
 
+def believed(file: Path, *heard: list[Packet], now_us: int = NOW_US) -> list[int]:
+    """How many packets of each list one process believes, from its start to its end; it says nothing."""
+    process = Process(file, now_us)
+    counts = [process.believes(packets) for packets in heard]
+    assert process.signing.refused == {"unsigned": 0, "forged": 0, "replayed": sum(map(len, heard)) - sum(counts)}
+    process.ends()
+    assert process.said == []
+    return counts
+
+
 @pytest.mark.parametrize("clock_us", [NOW_US + 3_600_000_000, NOW_US, NOW_US - 2 * DAY_US, 0])
 @pytest.mark.parametrize("ahead_us", [0, 5 * DAY_US])
 def test_packets_that_one_process_heard_are_believed_by_no_later_one_whatever_its_clock_says(
@@ -56,42 +66,25 @@ def test_packets_that_one_process_heard_are_believed_by_no_later_one_whatever_it
 ) -> None:
     """The vehicle's clock may be ahead, and a companion computer without a battery may believe that it is 1970."""
     heard = of_a_vehicle(448, NOW_US + ahead_us)
-    first = Process(file)
-    assert first.believes(heard) == 448
-    first.ends()
-    later = Process(file, clock_us)
-    assert later.believes(heard) == 0
-    assert later.signing.refused["replayed"] == 448
-    assert later.said == []
-    later.ends()
+    assert believed(file, heard) == [448]
+    assert believed(file, heard, now_us=clock_us) == [0]
 
 
 def test_what_was_said_long_before_to_others_is_not_believed_either(file: Path) -> None:
-    first = Process(file)
-    first.believes(of_a_vehicle(1))
-    first.ends()
-    later = Process(file, 0)
-    assert later.believes(of_a_vehicle(10, NOW_US - 61_000_000, link=5)) == 0
-    assert later.believes(of_a_vehicle(10, NOW_US - 59_000_000, link=5)) == 10
-    later.ends()
+    assert believed(file, of_a_vehicle(1)) == [1]
+    old, new = (of_a_vehicle(10, NOW_US - ago_us, link=5) for ago_us in (61_000_000, 59_000_000))
+    assert believed(file, old, new, now_us=0) == [0, 10]
 
 
 def test_a_stream_that_was_kept_months_ago_begins_as_a_new_one(file: Path) -> None:
     """Others may have heard and recorded it since."""
-    first = Process(file)
-    first.believes(of_a_vehicle(1))
-    first.ends()
-    later = Process(file, NOW_US + 200 * DAY_US)
-    assert later.believes(of_a_vehicle(10, NOW_US + 100 * DAY_US)) == 0
-    assert later.believes(of_a_vehicle(10, NOW_US + 200 * DAY_US)) == 10
-    later.ends()
+    assert believed(file, of_a_vehicle(1)) == [1]
+    old, new = (of_a_vehicle(10, NOW_US + days * DAY_US) for days in (100, 200))
+    assert believed(file, old, new, now_us=NOW_US + 200 * DAY_US) == [0, 10]
 
 
 def test_without_a_state_fresh_packets_are_believed_and_old_ones_are_not(file: Path) -> None:
-    process = Process(file)
-    assert process.believes(of_a_vehicle(10, NOW_US - 61_000_000)) == 0
-    assert process.believes(of_a_vehicle(10, NOW_US)) == 10
-    process.ends()
+    assert believed(file, of_a_vehicle(10, NOW_US - 61_000_000), of_a_vehicle(10)) == [0, 10]
 
 
 def test_our_own_time_stamps_go_on_where_they_were_though_the_clock_went_back(file: Path) -> None:
@@ -158,7 +151,7 @@ def test_a_killed_process_forgets_five_seconds_at_most(file: Path) -> None:
     process.signing.advance(5.0)
     process.believes(after)
     process.signing._background.close()  # what was begun is finished, and nothing more is done
-    assert Process(file).believes([*before, *after]) == 5
+    assert believed(file, [*before, *after]) == [5]
 
 
 def test_several_processes_keep_theirs_together(file: Path) -> None:
@@ -168,9 +161,7 @@ def test_several_processes_keep_theirs_together(file: Path) -> None:
         assert process.believes(own) == 20
     for process in reversed(processes):
         process.ends()
-    later = Process(file)
-    assert [later.believes(own) for own in packets.values()] == [0, 0, 0]
-    later.ends()
+    assert believed(file, *packets.values()) == [0, 0, 0]
 
 
 def test_processes_that_run_do_not_take_each_others_time_stamps(file: Path) -> None:
@@ -195,7 +186,7 @@ def test_nobody_waits_for_a_process_that_holds_the_file_unless_it_ends(file: Pat
     first.ends()
     second.ends()
     assert (first.said, second.said) == ([], [])
-    assert Process(file).believes(of_a_vehicle(3)) == 0
+    assert believed(file, of_a_vehicle(3)) == [0]
 
 
 # -- where it cannot be ----------------------------------------------------------------------------------------
@@ -237,7 +228,7 @@ def test_what_could_not_be_written_at_first_is_written_once_it_can_be(file: Path
     file.with_suffix(".lock").rmdir()
     process.ends()
     assert process.said == [said]
-    assert Process(file).believes(of_a_vehicle(3)) == 0
+    assert believed(file, of_a_vehicle(3)) == [0]
 
 
 def test_without_a_home_folder_it_is_said_once() -> None:
