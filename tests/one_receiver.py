@@ -1,10 +1,12 @@
-"""An emulator of one vehicle with one receiver, on links, by any clock; and who notes its events."""
+"""An emulator of one vehicle with one receiver, on links, by any clock; who notes its events; both with a vehicle."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import StepClock
 from arva_hil.config import Scenario
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.ports import Counters
@@ -14,9 +16,12 @@ from arva_hil.events import BytesSent, Event, FrameMade, HeartbeatMissing, Packe
 from arva_hil.events.words.reasons import no_vehicle
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
-from arva_hil.links import Link
+from arva_hil.links import Link, memory
 from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.loop import run
+from arva_hil.simulated import HOME
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 
 
 class OneReceiver(Live):
@@ -87,3 +92,37 @@ class Diary:
 
     def said(self, part: str) -> int:
         return sum(part in notice.text for notice in self.notices)
+
+
+class Flown:
+    """The built-in vehicle, an emulator and a `consumer` of its frames, on memory links and a stepped clock.
+
+    `capacity`: bytes that the consumer's link holds. `inside`: frames have no port, and go to the vehicle.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        vehicle: SimulatedVehicle | None = None,
+        session: Session | None = None,
+        *,
+        capacity: int | None = None,
+        inside: bool = False,
+        **options: Any,
+    ) -> None:
+        self.clock, self.diary = StepClock(), Diary()
+        self.vehicle = vehicle or SimulatedVehicle(HOME)
+        self.session = session or Session()
+        autopilot, self.far = memory.pair()
+        port, self.consumer = memory.pair(capacity)
+        self.simulator = Simulator([self.vehicle], [self.far])
+        self.emulator = OneReceiver(
+            scenario, self.session, autopilot, None if inside else port, start=0.0, observers=[self.diary], **options
+        )
+
+    def run(self, until: float, *, with_vehicle: bool = True) -> None:
+        tasks = [self.simulator, self.emulator] if with_vehicle else [self.emulator]
+        run(tasks, self.clock, until=until)
+
+    def go_on(self, seconds: float) -> None:
+        self.run(self.clock.now() + seconds)

@@ -30,10 +30,9 @@ from arva_hil.runtime.loop import run
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Decoder, Frame
 from tests.free_ports import free_port
-from tests.one_receiver import Diary, OneReceiver
+from tests.one_receiver import HOME, Diary, Flown, OneReceiver
 from tests.paper_receiver import Receiver
 
-HOME = (46.0123, 7.7456, 1650.0)
 QUIET = "receiver: {noise: {kind: off}, rate_hz: %g}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]"
 
 
@@ -41,21 +40,8 @@ def quiet(rate_hz: float = 1.0) -> Scenario:
     return parse(QUIET % rate_hz, "test")
 
 
-class Bench:
-    """A vehicle, an emulator and a consumer on memory links and a stepped clock."""
-
-    def __init__(self, scenario: Scenario, vehicle: SimulatedVehicle | None = None, **options: float) -> None:
-        self.clock = StepClock()
-        self.vehicle = vehicle or SimulatedVehicle(HOME)
-        autopilot, self.far = memory.pair()
-        port, self.consumer = memory.pair()
-        self.simulator = Simulator([self.vehicle], [self.far])
-        self.diary = Diary()
-        self.emulator = OneReceiver(scenario, Session(), autopilot, port, start=0.0, observers=[self.diary], **options)
-
-    def run(self, until: float, *, with_vehicle: bool = True) -> None:
-        tasks = [self.simulator, self.emulator] if with_vehicle else [self.emulator]
-        run(tasks, self.clock, until=until)
+class Bench(Flown):
+    """The same, with frames decoded, and a flight."""
 
     def frames(self) -> list[Frame]:
         return Decoder().feed(self.consumer.read(), self.clock.now())
@@ -296,34 +282,26 @@ def test_no_heartbeat_in_time_ends_it_and_says_what_was_heard() -> None:
 
 
 def test_a_port_that_nobody_empties_drops_whole_frames_and_holds_nothing_up() -> None:
-    clock, diary = StepClock(), Diary()
-    autopilot, far = memory.pair()
-    port, consumer = memory.pair(capacity=100)  # three frames of four channels
-    emulator = OneReceiver(quiet(10), Session(), autopilot, port, start=0.0, observers=[diary])
-    simulator = Simulator([SimulatedVehicle(HOME)], [far])
-    run([simulator, emulator], clock, until=5.0)
+    bench = Bench(quiet(10), capacity=100)  # three frames of four channels
+    bench.run(5.0)
+    emulator, diary, consumer = bench.emulator, bench.diary, bench.consumer
     assert (emulator.counters.frames, emulator.counters.delivered, emulator.counters.dropped) == (51, 3, 48)
     assert [s.sent for s in diary.frames] == [True] * 3 + [False] * 48
     assert diary.said("no program takes the frames") == 1
     decoder = Decoder()
     assert len(decoder.feed(consumer.read(), 5.0)) == 3
-    run([simulator, emulator], clock, until=5.2)
+    bench.run(5.2)
     assert [f.sequence for f in decoder.feed(consumer.read(), 5.2)] == [51, 52]
     assert diary.said("frames are taken") == 1
 
 
 @pytest.mark.parametrize("format", ["binary", "nmea", "text"])
 def test_every_wire_format_carries_the_nearest_reading(format: str) -> None:
-    clock, diary = StepClock(), Diary()
-    autopilot, far = memory.pair()
-    port, consumer = memory.pair()
-    emulator = OneReceiver(
-        replace(quiet(2), output_format=format), Session(), autopilot, port, start=0.0, observers=[diary]
-    )
-    run([Simulator([SimulatedVehicle(HOME)], [far]), emulator], clock, until=6.0)
-    frames = FORMATS[format].decoder().feed(consumer.read(), 6.0)
+    bench = Bench(replace(quiet(2), output_format=format))
+    bench.run(6.0)
+    frames = FORMATS[format].decoder().feed(bench.consumer.read(), 6.0)
     assert len(frames) == 13
-    for frame, snapshot in zip(frames, diary.frames, strict=True):
+    for frame, snapshot in zip(frames, bench.diary.frames, strict=True):
         assert (frame.channels[0].d, frame.channels[0].delta) == (
             snapshot.frame.channels[0].d,
             snapshot.frame.channels[0].delta,
@@ -332,29 +310,17 @@ def test_every_wire_format_carries_the_nearest_reading(format: str) -> None:
 
 
 @pytest.mark.parametrize("format", ["tunnel", "named", "named_float", "debug_vect"])
-def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format: str) -> None:
-    clock, diary = StepClock(), Diary()
-    autopilot, far = memory.pair()
-    heard = bytearray()
-
-    class Ear(Simulator):
-        """The vehicle, and what came to it."""
-
-        def service(self, clock: Clock) -> float:
-            now = clock.now()
-            heard.extend(chunk := far.read())
-            (vehicle,) = self.vehicles
-            vehicle.feed(chunk, now)
-            far.write(vehicle.poll(now))
-            return vehicle.next_due
-
-    session = Session()
+def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(
+    format: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scenario = parse("receiver: {channels: 4, rate_hz: 2}\ntransmitters: [{id: 3, ned: [9, 5, 0]}, "
                      "{id: 9, ned: [-20, 5, 0]}]", "test")  # fmt: skip
-    scenario = replace(scenario, output_format=format)
-    emulator = OneReceiver(scenario, session, autopilot, None, start=0.0, observers=[diary])
-    run([Ear([SimulatedVehicle(HOME)], [far]), emulator], clock, until=10.0)
-    heard.extend(far.read())
+    bench, heard = Bench(replace(scenario, output_format=format), inside=True), bytearray()
+    feed = bench.vehicle.feed
+    monkeypatch.setattr(bench.vehicle, "feed", lambda chunk, *more: (heard.extend(chunk), feed(chunk, *more)))
+    bench.run(10.0)
+    heard.extend(bench.far.read())
+    diary = bench.diary
     decoder = MavlinkDecoder(format)
     frames = decoder.feed(bytes(heard), 0.0)
     assert decoder.bad_crc == 0

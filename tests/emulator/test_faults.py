@@ -28,22 +28,20 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.faults.sending import resample
 from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.emulator.setup import one_vehicle
-from arva_hil.events import FrameMade
+from arva_hil.events import BytesSent, FrameMade
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Parser
 from arva_hil.registry import FAULTS
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
-from arva_hil.runtime.loop import Task, run
-from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
+from arva_hil.runtime.loop import run
 from firmware_proto import INTERFERENCE, SELF_TEST_FAULT, Decoder, Frame
 from tests.every import every
-from tests.one_receiver import Diary, OneReceiver
+from tests.one_receiver import Diary, Flown, OneReceiver
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "tests" / "data" / "px4.tlog"
-HOME = (46.0123, 7.7456, 1650.0)
 VALUES = {  # one value for every fault, strong enough to be met within seconds
     "transmitter_off": "1",
     "transmitter_moved": "1, by_ned: [-5, 5, 0]",
@@ -83,32 +81,30 @@ class Wire(Link):
     def close(self) -> None: ...
 
 
-class Bench:
+class Bench(Flown):
     """The built-in vehicle on the ground, an emulator under faults, and what came out of it after some seconds."""
 
     def __init__(self, *faults: str, seconds: float = 20.0, **kwargs: str) -> None:
-        self.scenario = scenario(*faults, **kwargs)
-        self.clock = StepClock()
-        autopilot, far = memory.pair()
-        self.wire, self.diary = Wire(self.clock), Diary()
-        self.emulator = OneReceiver(
-            self.scenario, Session(rate_hz=10), autopilot, self.wire, start=0.0, observers=[self.diary]
-        )
-        self.tasks: list[Task] = [Simulator([SimulatedVehicle(HOME)], [far]), self.emulator]
+        super().__init__(scenario(*faults, **kwargs), session=Session(rate_hz=10))
+        self._taken = b""
         self.run(seconds)
         self.snapshots = self.diary.frames
 
-    def run(self, until: float) -> None:
-        run(self.tasks, self.clock, until=until)
+    @property
+    def writes(self) -> list[tuple[float, bytes]]:
+        """When bytes were written."""
+        return [(event.time_s, event.data) for event in self.diary.events if isinstance(event, BytesSent)]
 
     @property
     def data(self) -> bytes:
-        return b"".join(data for _, data in self.wire.writes)
+        """All that the consumer has."""
+        self._taken += self.consumer.read()
+        return self._taken
 
     @property
     def decoder(self) -> Decoder:
         decoder = Decoder()
-        for at, data in self.wire.writes:
+        for at, data in self.writes:
             decoder.feed(data, at)
         decoder.feed(b"", math.inf)
         return decoder
@@ -117,7 +113,7 @@ class Bench:
     def frames(self) -> list[tuple[float, Frame]]:
         """Whole frames, and when they were written."""
         decoder = Decoder()
-        return [(at, frame) for at, data in self.wire.writes for frame in decoder.feed(data, at)]
+        return [(at, frame) for at, data in self.writes for frame in decoder.feed(data, at)]
 
     def met(self, name: str) -> list[int]:
         """The numbers of the frames that met a fault."""
@@ -154,7 +150,7 @@ def test_every_frame_is_accounted_for_every_fault_counted_and_marked_and_so_agai
     c = bench.emulator.counters
     assert c.frames == len(bench.snapshots) == 41
     assert c.frames + c.duplicated == c.delivered + c.damaged + c.withheld + c.dropped + c.waiting
-    assert len(bench.wire.writes) == c.delivered + c.damaged
+    assert len(bench.writes) == c.delivered + c.damaged
     assert bench.decoder.good == c.delivered
     assert bench.diary.bytes == bench.data
     assert {s.faults for s in bench.snapshots} <= {(), (name,)}
@@ -162,7 +158,7 @@ def test_every_frame_is_accounted_for_every_fault_counted_and_marked_and_so_agai
     assert count[name]["frames"] == len(bench.met(name)) > 0
     assert (count[name].get("bytes", 0) > 0) == (FAULTS[name].stage == "wire")
     assert list(count) == [name]
-    assert bench.wire.writes == again.wire.writes
+    assert bench.writes == again.writes
     assert bench.met(name) == again.met(name)
     if FAULTS[name].valid and FAULTS[name].stage != "heard" and name not in ("delay_s", "jitter_s", "baud_ratio"):
         assert bench.met(name) != Bench(fault(name), seconds=4.0, seed="6").met(name)
@@ -177,10 +173,10 @@ def test_before_and_after_a_fault_the_frames_are_what_they_would_be_without(name
     for said, plain in zip(bench.snapshots, without.snapshots, strict=True):
         if not 4 <= said.time_s < 6:
             assert (said.frame, said.reading) == (plain.frame, plain.reading)
-    before = [data for at, data in without.wire.writes if at < 4]
-    after = [data for at, data in without.wire.writes if at > 6.5]
-    assert [data for _, data in bench.wire.writes[: len(before)]] == before
-    assert [data for _, data in bench.wire.writes[-len(after) :]] == after
+    before = [data for at, data in without.writes if at < 4]
+    after = [data for at, data in without.writes if at > 6.5]
+    assert [data for _, data in bench.writes[: len(before)]] == before
+    assert [data for _, data in bench.writes[-len(after) :]] == after
 
 
 FREE = ["drop", "sequence", "duplicate", "truncate", "corrupt", "drop_bytes", "insert_bytes", "flip_bytes"]
@@ -217,12 +213,9 @@ def test_a_fault_that_is_never_on_leaves_every_byte_as_it_was() -> None:
 
 def test_nobody_takes_the_frames_and_they_are_accounted_for_all_the_same() -> None:
     chosen = scenario("drop: 0.2", "duplicate: 0.2", "delay_s: 0.15", "corrupt: 0.2")
-    clock = StepClock()
-    autopilot, far = memory.pair()
-    port, _ = memory.pair(capacity=500)
-    emulator = OneReceiver(chosen, Session(), autopilot, port, start=0.0)
-    run([Simulator([SimulatedVehicle(HOME)], [far]), emulator], clock, until=20.0)
-    c = emulator.counters
+    flown = Flown(chosen, capacity=500)
+    flown.run(20.0)
+    c = flown.emulator.counters
     assert c.dropped > 100
     assert min(c.delivered, c.damaged, c.withheld, c.duplicated, c.waiting) > 0
     assert c.frames + c.duplicated == c.delivered + c.damaged + c.withheld + c.dropped + c.waiting
@@ -490,13 +483,13 @@ def test_a_receiver_stuck_from_the_start_repeats_its_first_reading() -> None:
 
 def unharmed() -> list[bytes]:
     """The bytes of each frame when there are no faults."""
-    return [data for _, data in harmless().wire.writes]
+    return [data for _, data in harmless().writes]
 
 
 def test_truncated_frames_are_beginnings() -> None:
     bench, whole = Bench("truncate: 0.2"), unharmed()
     cut = bench.met("truncate")
-    for n, ((_, data), frame) in enumerate(zip(bench.wire.writes, whole, strict=True)):
+    for n, ((_, data), frame) in enumerate(zip(bench.writes, whole, strict=True)):
         assert frame.startswith(data)
         assert (0 < len(data) < len(frame)) == (n in cut)
     missing = sum(map(len, whole)) - len(bench.data)
@@ -510,7 +503,7 @@ def differences(a: bytes, b: bytes) -> list[int]:
 
 def test_corrupt_frames_have_one_byte_wrong() -> None:
     bench = Bench("corrupt: 0.2")
-    pairs = zip(bench.wire.writes, unharmed(), strict=True)
+    pairs = zip(bench.writes, unharmed(), strict=True)
     wrong = [differences(data, whole) for (_, data), whole in pairs]
     assert [n for n, each in enumerate(wrong) if each] == bench.met("corrupt")
     assert {len(each) for each in wrong} == {0, 1}
@@ -548,7 +541,7 @@ def test_bytes_are_hit_at_the_rate_asked_for(name: str) -> None:
 def test_a_frame_of_which_no_byte_is_left_is_withheld() -> None:
     bench = Bench("drop_bytes: 1")
     c = bench.emulator.counters
-    assert (c.withheld, c.damaged, c.delivered, bench.wire.writes) == (201, 0, 0, [])
+    assert (c.withheld, c.damaged, c.delivered, bench.writes) == (201, 0, 0, [])
 
 
 @given(data=st.binary(max_size=40), ratio=st.floats(0.955, 1.045))
@@ -587,27 +580,19 @@ def test_a_wrong_baud_rate_leaves_no_frame_and_recovers_at_once() -> None:
 
 
 @pytest.mark.parametrize("format", ["tunnel", "named", "named_float", "debug_vect"])
-def test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole(format: str) -> None:
+def test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole(
+    format: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = f"transmitters: {TWO}\nreceiver: {{rate_hz: 5}}\noutput: {{format: {format}}}\nfaults:\n"
     text += "".join(f"  - {{{each}}}\n" for each in ["drop: 0.1", "duplicate: 0.1", "jitter_s: 0.3", "reorder: 0.1"])
-    clock, session = StepClock(), Session()
-    autopilot, far = memory.pair()
-    heard = bytearray()
-
-    class Ear(Simulator):
-        def service(self, clock: Any) -> float:
-            heard.extend(chunk := far.read())
-            vehicle.feed(chunk, clock.now())
-            far.write(vehicle.poll(clock.now()))
-            return vehicle.next_due
-
-    emulator = OneReceiver(parse(text, "test"), session, autopilot, None, start=0.0)
-    vehicle = SimulatedVehicle(HOME)
-    run([Ear([vehicle], [far]), emulator], clock, until=15.0)
-    heard.extend(far.read())
+    flown, heard = Flown(parse(text, "test"), inside=True), bytearray()
+    feed = flown.vehicle.feed
+    monkeypatch.setattr(flown.vehicle, "feed", lambda chunk, *more: (heard.extend(chunk), feed(chunk, *more)))
+    flown.run(15.0)
+    heard.extend(flown.far.read())
     decoder = MavlinkDecoder(format)
     frames = decoder.feed(bytes(heard), 0.0)
-    c = emulator.counters
+    c = flown.emulator.counters
     assert min(c.withheld, c.duplicated) > 2
     assert decoder.bad_crc == decoder.dropped == 0
     assert c.delivered - len(frames) in (0, 1)  # a named frame ends where the next begins

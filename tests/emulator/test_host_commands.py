@@ -8,23 +8,17 @@ from typing import Any
 import pytest
 
 from arva_hil import __version__
-from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.summary import counters
-from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.emulator.host_commands import CommandCounters, HostCommands
 from arva_hil.events import CommandAnswered, CommandReceived
-from arva_hil.links import memory
 from arva_hil.model.receiver import Answer
 from arva_hil.registry import FORMATS
-from arva_hil.runtime.loop import run
-from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Command, CommandAnswer, Frame, HostForm
 from tests.every import every
-from tests.one_receiver import Diary, OneReceiver
+from tests.one_receiver import Flown
 
 Answered = str | tuple[str, Sequence[int], str]  # the result, or with values and text
-HOME = (46.0123, 7.7456, 1650.0)
 TWO = """
 receiver: {noise: {kind: off}, rate_hz: %g}
 output: {format: %s}
@@ -32,32 +26,24 @@ transmitters: [{id: 7, ned: [20, 5, 0]}, {id: 9, ned: [10, 0, 0]}, {id: 11, ned:
 """
 
 
-class Bench:
-    """A vehicle, an emulator and its host on memory links and a stepped clock."""
+class Bench(Flown):
+    """A vehicle, an emulator and its host."""
 
     def __init__(
         self, format: str = "binary", rate_hz: float = 10, capacity: int | None = None, model: str = "paper"
     ) -> None:
-        self.clock = StepClock()
-        autopilot, far = memory.pair()
-        port, self.host = memory.pair(capacity)
-        self.simulator = Simulator([SimulatedVehicle(HOME)], [far])
-        self.diary = Diary()
         text = TWO % (rate_hz, format)
         if model != "paper":
             text = "spec: 2" + text.replace("noise: {kind: off}", f"model: {model}")
-        scenario = parse(text, "test")
-        self.live = OneReceiver(scenario, Session(), autopilot, port, start=0.0, observers=[self.diary])
+        super().__init__(parse(text, "test"), capacity=capacity)
+        self.live, self.host = self.emulator, self.consumer
         self.form: HostForm = FORMATS[format].host
         self.answers_of = self.form.answers()
         self.frames_of = FORMATS[format].decoder()
         self.number = 0
         self.raw = b""
-        self.run(8.0)
+        self.go_on(8.0)
         self.take()
-
-    def run(self, for_s: float) -> None:
-        run([self.simulator, self.live], self.clock, until=self.clock.now() + for_s)
 
     def take(self) -> tuple[list[CommandAnswer], list[Frame]]:
         self.raw, now = self.host.read(), self.clock.now()
@@ -67,7 +53,7 @@ class Bench:
         """The answer, and what frames say from then on is in `shown`."""
         self.number += 1
         self.host.write(self.form.command(Command(self.number, name, values)))
-        self.run(0.5)
+        self.go_on(0.5)
         (answer,), frames = self.take()
         assert (answer.number, answer.name) == (self.number, name)
         self.shown = [c.id for c in frames[-1].channels if c.valid]
@@ -178,7 +164,7 @@ def test_without_commands_the_bytes_are_what_they_are_with_refused_ones() -> Non
     for bench in (quiet, asked):
         if bench is asked:
             bench.host.write(bench.form.command(Command(1, "mark", (200,))) + b"\xa4\x57\x02 no command")
-        bench.run(3.0)
+        bench.go_on(3.0)
         bench.take()
     answer = asked.form.answer(CommandAnswer(1, "mark", "refused"))
     assert asked.raw.count(answer) == 1
@@ -209,7 +195,7 @@ def test_a_thousand_commands_a_second_are_bounded_and_no_frame_is_late_or_missin
     for k in range(310):
         sent = range(10 if k < 300 else 0)
         bench.host.write(b"".join(bench.form.command(Command((10 * k + n) % 256, "mark", (9,))) for n in sent))
-        bench.run(0.01)
+        bench.go_on(0.01)
         some, more = bench.take()
         answers += some
         frames += more
@@ -229,7 +215,7 @@ def test_a_thousand_commands_a_second_are_bounded_and_no_frame_is_late_or_missin
 def test_a_flood_of_bytes_is_not_looked_at_and_counted() -> None:
     bench = Bench()
     bench.host.write(bytes(100_000))
-    bench.run(0.5)
+    bench.go_on(0.5)
     assert bench.counts.bytes_dropped == 100_000
     assert bench.ask("identify")[0] == "done"
 
@@ -238,21 +224,21 @@ def test_half_a_command_is_counted_and_the_next_one_obeyed() -> None:
     bench = Bench()
     raw = bench.form.command(Command(1, "mark", (9,)))
     bench.host.write(raw[:-3])
-    bench.run(1.0)
+    bench.go_on(1.0)
     assert (bench.counts.commands, bench.counts.bytes_dropped) == (0, len(raw) - 3)
     bench.host.write(raw[:5])
-    bench.run(0.05)
+    bench.go_on(0.05)
     bench.host.write(raw[5:])
-    bench.run(0.5)
+    bench.go_on(0.5)
     assert (bench.counts.commands, bench.counts.bytes_dropped) == (1, len(raw) - 3)
 
 
 def test_an_answer_that_nobody_takes_is_counted_and_no_frame() -> None:
     bench = Bench(capacity=40)  # what a frame has; nobody reads after that
-    bench.run(1.0)
+    bench.go_on(1.0)
     dropped = bench.live.counters.dropped
     bench.host.write(bench.form.command(Command(1, "identify")))
-    bench.run(0.1)
+    bench.go_on(0.1)
     assert bench.counts.answers_dropped == 1
     (event,) = (event for event in bench.diary.events if isinstance(event, CommandAnswered))
     assert not event.sent
@@ -278,7 +264,6 @@ def test_commands_are_executed_and_answered_when_no_frame_is_due_soon() -> None:
 
 
 def test_formats_over_mavlink_take_no_commands() -> None:
-    autopilot, far = memory.pair()
-    live = OneReceiver(parse(TWO % (1, "tunnel"), "test"), Session(), autopilot, None, start=0.0)
-    run([Simulator([SimulatedVehicle(HOME)], [far]), live], StepClock(), until=2.0)
-    assert "commands" not in counters(live.emulator)
+    flown = Flown(parse(TWO % (1, "tunnel"), "test"), inside=True)
+    flown.run(2.0)
+    assert "commands" not in counters(flown.emulator.emulator)

@@ -6,17 +6,11 @@ import math
 
 import pytest
 
-from arva_hil.autopilot.following.session import Session
-from arva_hil.clock import StepClock
 from arva_hil.config import parse
-from arva_hil.links import memory
 from arva_hil.registry import FORMATS
-from arva_hil.runtime.loop import run
-from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Decoder, Frame
-from tests.one_receiver import Diary, OneReceiver
+from tests.one_receiver import Diary, Flown
 
-HOME = (46.0123, 7.7456, 1650.0)
 SCENARIO = """
 spec: 2
 receiver: {model: %s, rate_hz: 5}
@@ -26,15 +20,10 @@ transmitters: [{id: 7, ned: [12, 5, 0]}, {id: 9, ned: [-20, 3, 0]}]
 
 
 def frames_of(model: str, format: str) -> tuple[Diary, list[Frame], bytes]:
-    autopilot, far = memory.pair()
-    port, host = memory.pair()
-    diary, clock = Diary(), StepClock()
-    live = OneReceiver(
-        parse(SCENARIO % (model, format), "test"), Session(), autopilot, port, start=0.0, observers=[diary]
-    )
-    run([Simulator([SimulatedVehicle(HOME)], [far]), live], clock, until=15.0)
-    data = host.read()
-    return diary, FORMATS[format].decoder().feed(data, clock.now()), data
+    flown = Flown(parse(SCENARIO % (model, format), "test"))
+    flown.run(15.0)
+    data = flown.consumer.read()
+    return flown.diary, FORMATS[format].decoder().feed(data, 15.0), data
 
 
 @pytest.mark.parametrize(("model", "format"), [("vector", "vector"), ("rssi", "rssi"), ("vector", "rssi")])

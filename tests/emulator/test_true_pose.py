@@ -28,7 +28,6 @@ from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.true_state import PoseError, SimulatorTruth
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
 from arva_hil.events.reasons import NoPose
-from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.writing import Recorder
@@ -37,29 +36,19 @@ from arva_hil.runtime.loop import run
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
-from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
-from tests.one_receiver import Diary, OneReceiver
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.one_receiver import HOME, Flown
 
-HOME = (46.0123, 7.7456, 1650.0)
 QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=ReceiverOptions(noise=Noise("off"), rate_hz=5.0))
 TRUTH = replace(QUIET, pose="truth")
 
 
-class Bench:
+class Bench(Flown):
     """The built-in vehicle, whose reports are wrong by some metres, and an emulator."""
 
     def __init__(self, scenario: Scenario, seconds: float = 20.0, *, gps_noise_m: float = 3.0) -> None:
-        self.clock, self.diary = StepClock(), Diary()
-        self.vehicle = SimulatedVehicle(HOME, gps_noise_m=gps_noise_m, seed=5)
-        autopilot, far = memory.pair()
-        port, _ = memory.pair()
-        self.session = Session()
-        self.emulator = OneReceiver(scenario, self.session, autopilot, port, start=0.0, observers=[self.diary])
-        self._tasks = [Simulator([self.vehicle], [far]), self.emulator]
+        super().__init__(scenario, SimulatedVehicle(HOME, gps_noise_m=gps_noise_m, seed=5))
         self.run(seconds)
-
-    def run(self, seconds: float) -> None:
-        run(self._tasks, self.clock, until=self.clock.now() + seconds)
 
     def say(self, message: object) -> None:
         self.vehicle.feed(Encoder(255, 190).pack(message), self.clock.now())
@@ -68,13 +57,13 @@ class Bench:
         """Arm, take off, keep a velocity [m/s]."""
         for number, *params in ((176, 1, 4), (400, 1), (22, 0, 0, 0, 0, 0, 0, 3.0)):
             self.say(command(1, 1, number, *params))
-        self.run(6.0)
+        self.go_on(6.0)
         self.say(
             dialect.MAVLink_set_position_target_local_ned_message(
                 0, 1, 1, 1, 0b110111000111, 0, 0, 0, speed, 0, 0, 0, 0, 0, 0, 0
             )
         )
-        self.run(2.9)
+        self.go_on(2.9)
 
     @property
     def posed(self) -> list[FrameMade]:
@@ -124,7 +113,7 @@ def test_when_a_simulator_stops_telling_there_is_no_pose_though_the_report_goes_
 ) -> None:
     bench = Bench(TRUTH, 10.0)
     monkeypatch.setitem(BUILDERS, dialect.MAVLINK_MSG_ID_SIM_STATE, lambda report: None)
-    bench.run(5.0)
+    bench.go_on(5.0)
     (lost,) = [event for event in bench.diary.events if isinstance(event, PoseLost)]
     assert lost.time_s == pytest.approx(12.1, abs=0.11)
     assert bench.diary.frames[-1].pose is None
@@ -197,7 +186,7 @@ def test_only_the_vehicle_s_own_packets_tell_the_truth(px4: tuple[Session, Simul
 def test_after_a_reboot_the_truth_is_told_anew() -> None:
     bench = Bench(TRUTH, 10.0)
     bench.vehicle.reboot(bench.clock.now())
-    bench.run(8.0)
+    bench.go_on(8.0)
     assert bench.session.navigation.reboots == 1
     last = bench.diary.frames[-1]
     assert last.pose

@@ -11,18 +11,14 @@ import pytest
 from arva_hil.autopilot.following.motor_load import MotorLoad
 from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
-from arva_hil.clock import StepClock
 from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse, to_dict
 from arva_hil.events import MotorsHeard, MotorsSilent
-from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.dialect import EscStatus
 from arva_hil.model.receiver import Look
 from arva_hil.model.receiver.listening import Listening
-from arva_hil.runtime.loop import run
-from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from tests.model.test_receiver_models import START, Vehicle, source
-from tests.one_receiver import Diary, OneReceiver
+from tests.one_receiver import Flown
 
 HOME = (46.0123, 7.7456, 1650.0)
 AUTOPILOT = Encoder(1, 1)
@@ -147,14 +143,11 @@ def test_the_built_in_vehicle_tells_its_throttle_when_it_is_asked() -> None:
     asking = parse(
         "spec: 2\ntransmitters: [{id: 1, ned: [0, 20, 0]}]\nreceiver: {vehicle_noise: {motors: [[0, 0, 0]]}}", "test"
     )
-    clock, diary = StepClock(), Diary()
-    autopilot, far = memory.pair()
-    port, _ = memory.pair()
-    emulator = OneReceiver(asking, Session(rate_hz=10), autopilot, port, start=0.0, observers=[diary])
-    run([Simulator([SimulatedVehicle(HOME)], [far]), emulator], clock, until=20.0)
-    ids = [packet.msgid for chunk in diary.packets for packet in chunk.packets]
+    flown = Flown(asking, session=Session(rate_hz=10))
+    flown.run(20.0)
+    ids = [packet.msgid for chunk in flown.diary.packets for packet in chunk.packets]
     assert ids.count(dialect.MAVLINK_MSG_ID_VFR_HUD) > 40
-    assert emulator.emulator.vehicles[0].world.at(20.0).load == 0.0
+    assert flown.emulator.emulator.vehicles[0].world.at(20.0).load == 0.0
 
 
 def test_without_vehicle_noise_nobody_is_asked_for_the_throttle() -> None:
