@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -28,24 +28,37 @@ def browser() -> Iterator[Any]:
 
 
 class Tab:
-    """One tab, and what went wrong in it. `open` waits until something is shown."""
+    """The tab, and what goes wrong in it: one for all tests, for a new one costs more than what a test does in it.
 
-    def __init__(self, browser: Any, **context: Any) -> None:
+    `open` waits until something is shown. Nothing glides in it, unless it `moves`.
+    """
+
+    def __init__(self, browser: Any) -> None:
         from playwright.sync_api import expect
 
         self.errors: list[str] = []
         self.asked: list[str] = []
-        self._context = browser.new_context(viewport={"width": 1280, "height": 900}, **context)
-        self.page = self._context.new_page()
+        self._opened: list[str] = []
+        self.page = browser.contexts[0].pages[0] if browser.contexts else browser.new_context().new_page()
+        self.page.set_viewport_size({"width": 1280, "height": 900})
+        self.page.emulate_media(reduced_motion="reduce", color_scheme="light")
         self.page.set_default_timeout(WAIT_MS)
-        self.page.on("console", self._hear)
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("request", lambda request: self.asked.append(request.url))
+        self._heard: dict[str, Callable[[Any], None]] = {
+            "console": self._hear,
+            "pageerror": lambda error: self.errors.append(str(error)),
+            "request": lambda request: self.asked.append(request.url),
+        }
+        for event, hear in self._heard.items():
+            self.page.on(event, hear)
         self._expect = expect
 
     def open(self, url: str) -> None:
+        self._opened.append("/".join(url.split("/")[:3]) + "/")
         self.page.goto(url)
         self._expect(self.page.locator("html")).to_have_attribute("data-ready", "true", timeout=WAIT_MS)
+
+    def moves(self) -> None:
+        self.page.emulate_media(reduced_motion="no-preference")
 
     def shows(self, selector: str, text: Any) -> None:
         """Wait until an element has a text."""
@@ -62,10 +75,11 @@ class Tab:
 
     def close(self) -> None:
         """There was no error in it, and it asked nobody else."""
-        origin = "/".join(self.page.url.split("/")[:3]) + "/"
-        self._context.close()
+        self.page.goto("about:blank")
+        for event, hear in self._heard.items():
+            self.page.remove_listener(event, hear)
         assert self.errors == []
-        assert [url for url in self.asked if not url.startswith((origin, "data:"))] == []
+        assert [url for url in self.asked if not url.startswith((*self._opened, "data:"))] == []
 
     def _hear(self, message: Any) -> None:
         if message.type in ("error", "warning") and not GONE.search(message.text):

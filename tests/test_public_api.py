@@ -69,7 +69,7 @@ def test_the_examples_of_public_names_are_true(name: str) -> None:
 def test_the_examples_of_the_page_are_true(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     line, port = PtyLink(), PtyLink()
-    autopilot = Autopilot(line)
+    autopilot = Autopilot(line, speed=1.0)
     text = (ROOT / "docs" / "howto" / "python.md").read_text(encoding="utf-8")
     text = text.replace("udpin:127.0.0.1:14550", autopilot.address).replace("/dev/ttyUSB0", port.path)
     text = text.replace("flight.tlog", str(ROOT / "tests" / "data" / "arducopter.tlog")).replace("```", "")
@@ -230,7 +230,7 @@ def test_a_live_run_serves_every_vehicle_of_a_scenario() -> None:
         with pytest.raises(arva_hil.LinkError, match="no byte came"):
             arva_hil.run_live(fleet, autopilot=others.path, timeout_s=2.0, on_event=note)
         assert {"a", "b"} <= made
-        with closing(Autopilot(mine)):
+        with closing(Autopilot(mine, speed=1.0)):
             arva_hil.run_live(fleet, autopilot=others.path, timeout_s=2.0, duration_s=2.2)
 
 

@@ -8,7 +8,7 @@ import os
 import resource
 import signal
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, closing
 from dataclasses import astuple, fields, replace
 from pathlib import Path
@@ -21,6 +21,8 @@ from hypothesis import strategies as st
 from arva_hil.campaign import results as module
 from arva_hil.campaign.results import NAME, REPORT, TABLE, ResultsError, TrialRow, opened, row, summary
 from arva_hil.campaign.trial import Result
+from tests.files import rows as table
+from tests.waiting import no_file_beyond
 
 from .fakes import PLAN, fake, planned
 
@@ -108,8 +110,7 @@ def test_a_text_is_no_formula_in_the_table_and_itself_in_the_database(tmp_path: 
     with opened(tmp_path) as results:
         assert list(results.rows.values()) == [one]
         results.export([one.key])
-    with (tmp_path / TABLE).open(newline="") as file:
-        (line,) = csv.DictReader(file)
+    (line,) = table(tmp_path / TABLE)
     assert [line[name] for name in ("scenario", "outcome", "strategy", "error_m")] == [f"'{text}"] * 3 + ["-0.5"]
 
 
@@ -117,8 +118,7 @@ def test_rows_of_other_plans_come_behind_those_of_this_one(tmp_path: Path) -> No
     written(tmp_path, ROWS)
     with opened(tmp_path) as results:
         results.export(KEYS[::-2])
-    with (tmp_path / TABLE).open(newline="") as file:
-        assert [line["key"] for line in csv.DictReader(file)] == KEYS[::-2] + KEYS[::2]
+    assert [line["key"] for line in table(tmp_path / TABLE)] == KEYS[::-2] + KEYS[::2]
 
 
 def test_a_trial_that_failed_is_run_again_and_its_row_replaced(tmp_path: Path) -> None:
@@ -159,7 +159,6 @@ def test_every_row_is_one_line_and_is_read_as_it_was_written(result: Result) -> 
 def test_a_row_says_what_was_flown() -> None:
     one = planned("strategies: flux\nscenarios: {random: {within_m: 50}}\nwind_m_s: 3\ngps_noise_m: 0.5\nnoise: off")[0]
     (transmitter,) = one.trial.scenario.transmitters
-    assert transmitter.ned is not None
     new = row(one, Result("found", 1.0, 0.5, 60.0, 55.0, 61))
     assert new == TrialRow(
         key=one.key,
@@ -322,17 +321,6 @@ def test_nothing_is_written_through_a_symlink(tmp_path: Path, name: str) -> None
         pass
     assert target.read_bytes() == b""
     assert (folder / name).is_symlink()
-
-
-@contextlib.contextmanager
-def no_file_beyond(size: int) -> Iterator[None]:
-    """As a disk that is full."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_a_full_disk_is_said_and_what_was_committed_stays(tmp_path: Path) -> None:

@@ -6,26 +6,17 @@ import os
 from collections.abc import Callable, Generator, Iterator
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final
 
 import pytest
 
-from arva_hil.cli.main import main
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Parser, dialect
 from tests.undrawn import undrawn
 
-from .far_ends import Arva, Autopilot, Beacon, Ended, Keep, Program, Start
-
-
-class Closes(Protocol):
-    def close(self) -> None: ...
-
+from .far_ends import Arva, Autopilot, Beacon, Keep, Program, Start
 
 TRUTHS = (dialect.MAVLINK_MSG_ID_SIMSTATE, dialect.MAVLINK_MSG_ID_SIM_STATE)
-
-
-_C = TypeVar("_C", bound=Closes)
 
 
 @pytest.fixture(autouse=True)
@@ -52,15 +43,15 @@ def _numbers_are_not_given_away(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PtyLink, "close", checked)
 
 
-_KEPT: Final = pytest.StashKey[list[Closes]]()
+_KEPT: Final = pytest.StashKey[list[Any]]()
 
 
 @pytest.fixture
-def keep(request: pytest.FixtureRequest) -> Iterator[Callable[[_C], _C]]:
+def keep(request: pytest.FixtureRequest) -> Iterator[Keep]:
     """`keep(thing)` gives the thing back and closes it after the test: programs first, then the last one first."""
     kept = request.node.stash.setdefault(_KEPT, [])
 
-    def remember(thing: _C) -> _C:
+    def remember(thing: Any) -> Any:
         kept.append(thing)
         return thing
 
@@ -84,14 +75,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 def arva(request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]) -> Arva:
     """The program, in this process."""
     drawn = request.node.get_closest_marker("undrawn") is None
-
-    def call(*arguments: object) -> Ended:
-        capsys.readouterr()
-        with nullcontext() if drawn else undrawn():
-            code = main([str(argument) for argument in arguments])
-        return Ended(code, *capsys.readouterr())
-
-    return call
+    return Arva(capsys, nullcontext if drawn else undrawn)
 
 
 @pytest.fixture

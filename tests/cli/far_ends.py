@@ -13,10 +13,12 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
+from arva_hil.cli.main import main
 from arva_hil.clock import Clock, RealClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
@@ -25,15 +27,18 @@ from arva_hil.mavlink.signing import Signing
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import MID, Channel, Decoder, Frame, encode
+from tests.waiting import DEADLINE_S, until
 
 from .forked import Forked, possible
 
-DEADLINE_S = 90.0  # none is reached but by a mistake, however slow the machine
+__all__ = ["until"]  # of the tests beside it too
+
 _LAST_BYTES_S = 5.0  # what an ended program has written is there by then: the kernel hands it over a little later
 HOME = (46.0123, 7.7456, 1650.0)
 REAL = [sys.executable, "-m", "arva_hil"]
 UNDER_TEST = os.environ.get("PROGRAM_UNDER_TEST")  # that of an installed wheel: `make dist`
 PROGRAM = [UNDER_TEST] if UNDER_TEST else REAL
+SPEED = 2.0 if PROGRAM is REAL and possible({}) else 1.0  # of the clocks of forked commands and of their far ends
 
 # root reads and writes whatever it likes; without these two capabilities it is like everybody else
 ORDINARY = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"] if os.geteuid() == 0 else []
@@ -45,6 +50,17 @@ def full_disk() -> dict[str, Any]:
         "preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000)),
         "env": os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
     }
+
+
+@contextlib.contextmanager
+def hurried(speed: float) -> Iterator[None]:
+    """Clocks that are made meanwhile run so many times as fast as time, so that nobody waits long."""
+    usual = RealClock.__init__.__defaults__
+    RealClock.__init__.__defaults__ = (speed,)  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        RealClock.__init__.__defaults__ = usual  # type: ignore[attr-defined]
 
 
 class Ended(NamedTuple):
@@ -59,7 +75,8 @@ class Program:
     """The program as a process. Its stdout goes to a file unless told otherwise, its stderr to `err`.
 
     `fresh`: as `python -m arva_hil` for certain, where its start or its command line is what counts; else it is forked
-    if that is the same. `closed`: standard streams that it does not have, by their descriptors.
+    if that is the same, with clocks of this `speed`. `closed`: standard streams that it does not have, by their
+    descriptors.
     """
 
     _not_closed: ClassVar[list[Program]] = []
@@ -70,6 +87,7 @@ class Program:
         before: Sequence[str] = (),
         fresh: bool = False,
         closed: Sequence[int] = (),
+        speed: float = SPEED,
         **options: Any,
     ) -> None:
         self.err = ""
@@ -85,7 +103,7 @@ class Program:
                 before = ["sh", "-c", 'exec "$@"' + "".join(f" {fd}>&-" for fd in closed), "sh"]
             self.process = subprocess.Popen([*before, *PROGRAM, *words], **options)
         else:
-            self.process = Forked(words, closed=closed, **{"env": None, **options})
+            self.process = Forked(words, closed=closed, speed=speed, **{"env": None, **options})
         self._not_closed.append(self)
 
     @classmethod
@@ -103,10 +121,11 @@ class Program:
         self._out.seek(0)
         return self._out.read()
 
-    def says(self, pattern: str) -> re.Match[str]:
-        """Wait until stderr has said it."""
-        while not (found := re.search(pattern, self.err)):
-            assert self._listen(), f"{pattern!r} was not said before the end of:\n{self.err}"
+    def says(self, *patterns: str) -> re.Match[str]:
+        """Wait until stderr has said all of it; where the last one is."""
+        for pattern in patterns:
+            while not (found := re.search(pattern, self.err)):
+                assert self._listen(), f"{pattern!r} was not said before the end of:\n{self.err}"
         return found
 
     def writes(self, least: int) -> None:
@@ -114,10 +133,10 @@ class Program:
         size = os.fstat(self._out.fileno()).st_size + least
         until(lambda: os.fstat(self._out.fileno()).st_size >= size)
 
-    def stops(self) -> None:
-        """It is told to stop, and ends as it should."""
-        self.process.terminate()
-        assert self.ends() == 130
+    def stops(self, number: signal.Signals = signal.SIGTERM) -> str:
+        """It is told to stop, and ends as it should; all that it has said."""
+        self.send(number)
+        return self.ends(130)
 
     def __repr__(self) -> str:
         return f"<a program that said {self.err!r}>"
@@ -136,14 +155,14 @@ class Program:
     def send(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
-    def ends(self, within_s: float = DEADLINE_S) -> int:
-        """Wait for its end; the exit code. Whatever happens, no command ends in a traceback."""
+    def ends(self, *codes: int, within_s: float = DEADLINE_S) -> str:
+        """Wait for its end with one of these exit codes (0 if none is named); all that it has said: no traceback."""
         while self.process.stderr and self._listen(within_s):
             pass
-        code = self.process.wait(DEADLINE_S)
+        assert self.process.wait(DEADLINE_S) in (codes or (0,)), self.err
         assert "Traceback" not in self.err
         assert "Exception ignored" not in self.err
-        return code
+        return self.err
 
     def close(self) -> None:
         if self in self._not_closed:
@@ -156,7 +175,6 @@ class Program:
 
     def _listen(self, within_s: float = DEADLINE_S) -> bool:
         """Take what comes; False at the end."""
-        assert self.process.stderr is not None
         fd = self.process.stderr.fileno()
         assert select.select([fd], [], [], within_s)[0], f"the deadline passed after:\n{self.err}"
         chunk = os.read(fd, 65536)
@@ -168,10 +186,18 @@ class Autopilot:
     """The built-in vehicle at its home, on a link, served by a thread. `heard` is all that was sent to it.
 
     It is switched on when somebody speaks to it, so that its heartbeat comes at once; or now, if it `speaks_first`.
-    `key`: it signs, and obeys only what is signed. `system`: its id.
+    `key`: it signs, and obeys only what is signed. `system`: its id. `speed`: that of the program it speaks to.
     """
 
-    def __init__(self, link: Link, *, speaks_first: bool = False, key: bytes | None = None, system: int = 1) -> None:
+    def __init__(
+        self,
+        link: Link,
+        *,
+        speaks_first: bool = False,
+        key: bytes | None = None,
+        system: int = 1,
+        speed: float = SPEED,
+    ) -> None:
         self.heard = bytearray()
         self.link = link
         self.address = link.path if isinstance(link, PtyLink) else link.name
@@ -179,6 +205,7 @@ class Autopilot:
         self._speaks_first = speaks_first
         self._key = key
         self._system = system
+        self._speed = speed
         self._thread = threading.Thread(target=self._fly)
         read = link.read
 
@@ -190,7 +217,7 @@ class Autopilot:
         self._thread.start()
 
     def _fly(self) -> None:
-        clock = RealClock()
+        clock = RealClock(self._speed)
         while not (self._speaks_first or self.link.ready() or self._stop.is_set()):
             clock.wait(clock.now() + 0.1, [self.link])
         signing = Signing(self._key, clock.epoch_us) if self._key else None
@@ -213,8 +240,30 @@ class Autopilot:
         self.link.close()
 
 
-Arva = Callable[..., Ended]  # these three are fixtures
-Start = Callable[..., Program]
+class Arva:
+    """The program in this process. `capsys`: takes what it prints; `around`: what is replaced meanwhile."""
+
+    def __init__(self, capsys: Any, around: Callable[[], AbstractContextManager[None]]) -> None:
+        self._capsys = capsys
+        self._around = around
+
+    def __call__(self, *arguments: object, code: int | tuple[int, ...] = 0, speed: float = SPEED) -> Ended:
+        """Run a command that ends with this exit code, or with one of these."""
+        self._capsys.readouterr()
+        with self._around(), hurried(speed):
+            ended = Ended(main([str(argument) for argument in arguments]), *self._capsys.readouterr())
+        assert ended.code in (code if isinstance(code, tuple) else (code,)), ended.err
+        return ended
+
+    def refused(self, *arguments: object, code: int = 2) -> str:
+        """Run a command that is refused: all it prints is an error message, which is returned."""
+        ended = self(*arguments, code=code)
+        assert ended.out == ""
+        assert "Traceback" not in ended.err
+        return ended.err
+
+
+Start = Callable[..., Program]  # these two are fixtures
 Keep = Callable[[Any], Any]
 
 
@@ -230,7 +279,7 @@ class Beacon:
         self._thread.start()
 
     def _speak(self) -> None:
-        clock, n = RealClock(), 0
+        clock, n = RealClock(SPEED), 0
         while not self._stop.is_set():
             if not self.quiet.is_set():
                 self.link.write(
@@ -261,7 +310,6 @@ class Denier:
         for packet in self._parser.feed(self._link.read()):
             if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 message = decode(packet)
-                assert message is not None
                 ack = dialect.MAVLink_command_ack_message(message.command, self._result)
                 self._link.write(self._encoder.pack(ack))
         if now >= self._next:
@@ -276,43 +324,45 @@ def heartbeat(
     return encoder.pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, dialect.MAV_STATE_STANDBY, 3))
 
 
-def until(condition: Callable[[], object]) -> None:
-    """Wait, with a deadline, until a condition holds; what takes long is looked at less often."""
-    clock, pause_s = RealClock(), 0.005
-    while not condition():
-        assert clock.now() < DEADLINE_S, "the deadline passed"
-        clock.wait(clock.now() + pause_s)
-        pause_s = min(0.1, 1.2 * pause_s)
-
-
 class Consumer:
-    """A program that reads frames from a link: each is whole, and none is missing."""
+    """A program that reads frames from a link: each is whole, and none is missing. `frames`: all that have come."""
 
     def __init__(self, link: Link) -> None:
+        self.frames: list[Frame] = []
+        self.decoder = Decoder()
         self._link = link
-        self._decoder = Decoder()
+
+    def hears(self) -> bool:
+        """Read on; whether the last frame hears a transmitter."""
+        self._feed(0.0)
+        return bool(self.frames) and hears(self.frames[-1])
 
     def read(self, least: int) -> list[Frame]:
         """At least so many more frames. It fails soon after the last program of this test has ended."""
-        clock, decoder, frames = RealClock(), self._decoder, list[Frame]()
+        clock, before = RealClock(), len(self.frames)
         deadline = DEADLINE_S
         while True:
-            frames += decoder.feed(self._link.read(), clock.now())
-            assert (decoder.lost, decoder.bad_crc) == (0, 0)
-            if len(frames) >= least:
-                return frames
-            assert clock.now() < deadline, f"only {len(frames)} of {least} frames came"
+            self._feed(clock.now())
+            if len(self.frames) >= before + least:
+                return self.frames[before:]
+            came = len(self.frames) - before
+            assert clock.now() < deadline, f"only {came} of {least} frames came"
             if deadline == DEADLINE_S and Program.all_ended():
                 deadline = min(deadline, clock.now() + _LAST_BYTES_S)
             clock.wait(clock.now() + 0.05, [self._link])
 
+    def _feed(self, now: float) -> None:
+        self.frames += self.decoder.feed(self._link.read(), now)
+        assert (self.decoder.lost, self.decoder.bad_crc) == (0, 0)
+
 
 def read_until_heard(link: Link, least: int = 1) -> list[Frame]:
     """What a consumer reads, from the first frame to at least so many behind the first that hears the transmitter."""
-    consumer, frames = Consumer(link), list[Frame]()
-    while not (frames and hears(frames[-1])):
-        frames += consumer.read(1)
-    return frames + consumer.read(least)
+    consumer = Consumer(link)
+    while not consumer.hears():
+        consumer.read(1)
+    consumer.read(least)
+    return consumer.frames
 
 
 def read_frames(link: Link, least: int) -> list[Frame]:

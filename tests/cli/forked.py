@@ -1,8 +1,8 @@
 """The program as a process that is forked from one which has imported everything: what it does is the same, 0.4 s of
 processor time sooner. That it starts as `python -m arva_hil` is for the tests of its start.
 
-As a program it is the server, which forks, one for all workers of a run; `Forked` is what a test sees of a process, as
-it does of a `Popen`.
+As a program it is the server, which forks, one for each worker; `Forked` is what a test sees of a process, as it does
+of a `Popen`.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ import select
 import selectors
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from typing import IO, Any, Final, NoReturn
 
 _PIPE, _DEVNULL = subprocess.PIPE, subprocess.DEVNULL
+_MOST: Final = 1 << 17  # bytes of a request
 
 
 _NO_MATTER: Final = {"PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED"}  # to a program that is imported already
@@ -56,7 +55,7 @@ def possible(options: Mapping[str, Any]) -> bool:
 
 class Forked:
     """One process. `stdin`, `stdout`, `stderr`: as for Popen, PIPE for the last two at most. `closed`: descriptors of
-    these three that it does not have.
+    these three that it does not have. `speed`: of its clocks.
     """
 
     def __init__(
@@ -69,6 +68,7 @@ class Forked:
         env: Mapping[str, str] | None,
         cwd: str | os.PathLike[str] | None = None,
         closed: Sequence[int] = (),
+        speed: float = 1.0,
     ) -> None:
         self.args = arguments
         self.returncode: int | None = None
@@ -77,13 +77,9 @@ class Forked:
         ends = (_fd(stdin, null), _fd(stdout, null, pipes.get("out")), _fd(stderr, null, pipes.get("err")))
         environment = dict(os.environ if env is None else env)
         folder = os.fspath(cwd or os.getcwd())
-        request = json.dumps({"arguments": arguments, "env": environment, "cwd": folder, "closed": [*closed]})
+        said = {"arguments": arguments, "env": environment, "cwd": folder, "closed": [*closed], "speed": speed}
         self._status, theirs = os.pipe()
-        try:
-            self.pid, self._pidfd = _fork(request.encode(), [*ends, theirs])
-        except ConnectionError:  # the server saw its last client leave before it saw this one come: there is another
-            _server.cache_clear()
-            self.pid, self._pidfd = _fork(request.encode(), [*ends, theirs])
+        self.pid, self._pidfd = _fork(json.dumps(said).encode(), [*ends, theirs])
         for fd in (null, theirs, *(writer for _, writer in pipes.values())):
             os.close(fd)
         self.stdin = None
@@ -118,13 +114,10 @@ class Forked:
 
 
 def _fork(request: bytes, fds: list[int]) -> tuple[int, int]:
-    """The id and the pidfd of a new process. Raises ConnectionError if the server has ended."""
+    """The id and the pidfd of a new process."""
     server = _server()
-    socket.send_fds(server, [len(request).to_bytes(4, "big")], fds)
-    server.sendall(request)
+    socket.send_fds(server, [request], fds)
     answer, pidfds, _, _ = socket.recv_fds(server, 4, 1)
-    if not answer:
-        raise ConnectionError("the server that forks has ended")
     return int.from_bytes(answer, "big"), pidfds[0]
 
 
@@ -140,29 +133,16 @@ def _reader(pipe: tuple[int, int] | None) -> IO[bytes] | None:
     return open(pipe[0], "rb") if pipe else None
 
 
-_started: Final[list[subprocess.Popen[bytes]]] = []  # nobody waits for it: it outlives this worker
+_started: Final[list[subprocess.Popen[bytes]]] = []  # nobody waits for it: it ends with this worker
 
 
 @functools.cache
 def _server() -> socket.socket:
-    """Started by the first worker that wants it; it ends with the last one."""
-    run = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
-    address = f"\0arva-hil-{run}"  # of no file
-    here = socket.socket(socket.AF_UNIX)
-    with socket.socket(socket.AF_UNIX) as there:
-        while True:
-            try:
-                there.bind(address)
-                break
-            except OSError:  # another worker was first; it listens a moment later, or its server has just ended
-                if not here.connect_ex(address):
-                    return here
-                time.sleep(0.01)
-        there.listen(64)
-        here.connect(address)
-        os.set_inheritable(there.fileno(), True)
-        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-        command = [sys.executable, "-P", __file__, str(there.fileno())]
+    """Started when it is wanted first."""
+    here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    command = [sys.executable, "-P", __file__, str(there.fileno())]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    with there:
         _started.append(subprocess.Popen(command, pass_fds=[there.fileno()], env=environment, stdin=_DEVNULL))
     return here
 
@@ -180,90 +160,60 @@ def _import_everything() -> None:
             importlib.import_module(module.name)
 
 
-def _serve(listening: socket.socket) -> list[str]:
-    """Fork a process for each request. Comes back in the new process, with its arguments; ends with the last client."""
+def _serve(requests: socket.socket) -> list[str]:
+    """Fork a process for each request. Comes back in the new process, with its arguments; ends with the worker."""
     waiting = selectors.DefaultSelector()
-    waiting.register(listening, selectors.EVENT_READ)
-    clients: set[socket.socket] = set()
+    waiting.register(requests, selectors.EVENT_READ)
     while True:
         for key, _ in waiting.select():
-            requests = key.fileobj
-            if isinstance(requests, int):
-                pid, status = key.data
-                code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-                waiting.unregister(requests)
-                os.close(requests)
-                with contextlib.suppress(BrokenPipeError):  # nobody wants to know it any more
-                    os.write(status, str(code).encode())
-                os.close(status)
+            if key.data:
+                _bury(waiting, key)
                 continue
-            assert isinstance(requests, socket.socket)
-            if requests is listening:
-                client = listening.accept()[0]
-                if _is_ours(client):
-                    clients.add(client)
-                    waiting.register(client, selectors.EVENT_READ)
-                continue
-            fds: list[int] = []
-            text = b""
-            with contextlib.suppress(ConnectionError):
-                size, fds, _, _ = socket.recv_fds(requests, 4, 4)
-                text = _exactly(requests, int.from_bytes(size, "big"))
+            text, fds, _, _ = socket.recv_fds(requests, _MOST, 4)
             if not text:
-                for fd in fds:
-                    os.close(fd)
-                waiting.unregister(requests)
-                requests.close()
-                clients.remove(requests)
-                if not clients:
-                    os._exit(0)
-                continue
-            request = json.loads(text)
+                os._exit(0)
+            *streams, status = fds
             pid = os.fork()
             if not pid:
-                for key in list(waiting.get_map().values()):
-                    os.close(key.fd)
-                    if key.data:
-                        os.close(key.data[1])
-                for other in (listening, *clients):
-                    other.detach()
+                for other in list(waiting.get_map().values()):
+                    os.close(other.fd)
+                    if other.data:
+                        os.close(other.data[1])
+                requests.detach()
                 waiting.close()
-                _become(request["env"], request["cwd"], fds, request["closed"])
-                return list(request["arguments"])
-            *streams, status = fds
+                return _become(fds, **json.loads(text))
             for fd in streams:
                 os.close(fd)
             pidfd = os.pidfd_open(pid)
             waiting.register(pidfd, selectors.EVENT_READ, (pid, status))
-            with contextlib.suppress(ConnectionError):  # it has gone: what it was waits for nobody
-                socket.send_fds(requests, [pid.to_bytes(4, "big")], [pidfd])
+            socket.send_fds(requests, [pid.to_bytes(4, "big")], [pidfd])
 
 
-def _is_ours(client: socket.socket) -> bool:
-    """Whether it is a process of this user: an address that is no file is everybody's."""
-    _, user, _ = struct.unpack("3i", client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-    return bool(user == os.geteuid())
+def _bury(waiting: selectors.BaseSelector, key: selectors.SelectorKey) -> None:
+    """A process has ended: tell its code to who started it."""
+    pid, status = key.data
+    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    waiting.unregister(key.fileobj)
+    os.close(key.fd)
+    with contextlib.suppress(BrokenPipeError):  # nobody wants to know it any more
+        os.write(status, str(code).encode())
+    os.close(status)
 
 
-def _exactly(source: socket.socket, size: int) -> bytes:
-    """So many bytes; none if the other side has gone before."""
-    data = b""
-    while len(data) < size:
-        if not (more := source.recv(size - len(data))):
-            return b""
-        data += more
-    return data
+def _become(
+    fds: list[int], arguments: list[str], env: dict[str, str], cwd: str, closed: list[int], speed: float
+) -> list[str]:
+    """What an interpreter does at its start, as far as it depends on who starts it; the arguments."""
+    from arva_hil.clock import RealClock
 
-
-def _become(environment: dict[str, str], folder: str, fds: list[int], closed: list[int]) -> None:
-    """What an interpreter does at its start, as far as it depends on who starts it."""
-    os.chdir(folder)
+    RealClock.__init__.__defaults__ = (speed,)  # type: ignore[attr-defined]
+    os.chdir(cwd)
     for target, fd in enumerate(fds[:3]):
         os.dup2(fd, target)
     for fd in fds:
         os.close(fd)
     os.environ.clear()
-    os.environ.update(environment)
+    os.environ.update(env)
     sys.stdin = sys.__stdin__ = open(0, closefd=False)  # noqa: SIM115 (for as long as the program runs)
     sys.stdout = sys.__stdout__ = open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = sys.__stderr__ = open(2, "w", 1, errors="backslashreplace", closefd=False)  # noqa: SIM115
@@ -272,6 +222,7 @@ def _become(environment: dict[str, str], folder: str, fds: list[int], closed: li
         for name in ("stdin", "stdout", "stderr")[fd : fd + 1]:
             setattr(sys, name, None)
             setattr(sys, f"__{name}__", None)
+    return arguments
 
 
 def _end(code: int) -> NoReturn:
@@ -285,11 +236,11 @@ def _end(code: int) -> NoReturn:
 
 
 def _main() -> NoReturn:
-    listening = socket.socket(fileno=int(sys.argv[1]))
+    requests = socket.socket(fileno=int(sys.argv[1]))
     _import_everything()
     gc.freeze()
     try:
-        arguments = _serve(listening)
+        arguments = _serve(requests)
     except KeyboardInterrupt:  # typed at the terminal of the tests
         os._exit(130)
     from arva_hil.__main__ import main

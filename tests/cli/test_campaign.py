@@ -9,15 +9,19 @@ import socket
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from arva_hil.campaign import charts, runner, trial
-from arva_hil.campaign.results import opened
+from arva_hil.campaign.results import opened, row
 from arva_hil.cli import campaign
 from tests.campaign import fakes
+from tests.files import written
+from tests.said import says
 
 from . import far_ends
 from .far_ends import Arva, Start, until
@@ -49,9 +53,7 @@ def plan_file(folder: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> Path:
     monkeypatch.setattr(campaign, "processes", fakes.here)
     monkeypatch.setattr(charts, "draw", lambda rows, success_m: {})
     monkeypatch.setenv("ARVA_HIL_JOBS", "1")
-    path = folder / "plan.yaml"
-    path.write_text(text)
-    return path
+    return written(folder / "plan.yaml", text)
 
 
 def flights(gate: Path) -> list[tuple[int, str]]:
@@ -82,12 +84,12 @@ def alive(process: int) -> bool:
 
 def test_it_flies_the_plan_and_reports(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(plan.parent)
-    code, out, err = arva("campaign", plan)
-    assert code == 0
+    (plan.parent / "disk").mkdir()
+    Path("plan-results").symlink_to("disk")
+    _, out, err = arva("campaign", plan)
     first = [line.split()[0] for line in out.splitlines()]
     assert first == ["strategy", "flux", "estimate", "extremum", "success:", "2"]
-    assert f"{TRIALS} trials, 0 of them done; processes: 1" in err
-    assert "plan-results/results.csv, plan-results/report.html" in err
+    says(err, f"{TRIALS} trials, 0 of them done; processes: 1", "plan-results/results.csv, plan-results/report.html")
     assert rows(Path("plan-results")) == TRIALS
     page = Path("plan-results/report.html").read_text()
     assert all(name in page for name in ("flux", "estimate", "extremum"))
@@ -98,8 +100,7 @@ def test_the_names_of_a_plan_and_its_scenarios_are_text_on_the_page_and_on_the_t
     named, scenario = (plan.parent / name for name in names)
     scenario.write_text("transmitters: [{id: 1, ned: [5, 5, 0]}]\n")
     named.write_text(f"strategies: flux\nscenarios: '{scenario.name}'\nseeds: 2\n")
-    code, out, err = arva("campaign", named, "--out", plan.parent / "r")
-    assert code == 0
+    _, out, err = arva("campaign", named, "--out", plan.parent / "r")
     page = (plan.parent / "r" / "report.html").read_text()
     assert "<img src=x" not in page
     assert "<b>" not in page
@@ -108,25 +109,13 @@ def test_the_names_of_a_plan_and_its_scenarios_are_text_on_the_page_and_on_the_t
     assert "'=1+1<b>" in (plan.parent / "r" / "results.csv").read_text()
 
 
-def test_results_are_the_same_bytes_whatever_the_number_of_processes(
-    arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folders = [plan.parent / "none", plan.parent / "two"]
-    assert arva("campaign", plan, "--out", folders[0]).code == 0
-    monkeypatch.setattr(campaign, "processes", runner.processes)
-    assert arva("campaign", plan, "--jobs", 2, "--out", folders[1]).code == 0
-    for name in ("results.csv", "report.html"):
-        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
-
-
 def test_a_finished_campaign_is_not_flown_again_and_a_larger_one_goes_on(arva: Arva, plan: Path) -> None:
     _, out, _ = arva("campaign", plan, "--json", "--out", plan.parent / "r")
     objects = [json.loads(line) for line in out.splitlines()]
     assert len({one["key"] for one in objects}) == len(objects) == TRIALS
     assert objects[0].items() >= {"strategy": "flux", "seed": 1, "take_off_m": 1.0, "noise": "uniform"}.items()
     before = (plan.parent / "r" / "results.csv").read_bytes()
-    code, out, err = arva("campaign", plan, "--json", "--out", plan.parent / "r")
-    assert (code, out) == (0, "")
+    assert arva("campaign", plan, "--json", "--out", plan.parent / "r").out == ""
     assert (plan.parent / "r" / "results.csv").read_bytes() == before
     plan.write_text(PLAN.replace("seeds: 6", "seeds: 8"))
     code, out, err = arva("campaign", plan, "--json", "--out", plan.parent / "r")
@@ -137,8 +126,8 @@ def test_a_finished_campaign_is_not_flown_again_and_a_larger_one_goes_on(arva: A
 
 def test_a_dry_run_lists_the_trials_as_they_would_be_flown_and_touches_nothing(arva: Arva, plan: Path) -> None:
     before = sorted(plan.parent.iterdir())
-    code, out, err = arva("campaign", plan, "--dry-run", "--out", plan.parent / "r")
-    assert (code, err) == (0, "")
+    _, out, err = arva("campaign", plan, "--dry-run", "--out", plan.parent / "r")
+    assert err == ""
     lines = out.splitlines()
     assert len(lines) == TRIALS
     assert lines[0] == (
@@ -155,13 +144,12 @@ def test_a_dry_run_lists_the_trials_as_they_would_be_flown_and_touches_nothing(a
 def test_trials_that_fail_are_counted_and_flown_again(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = ("campaign", plan, "--json", "--out", plan.parent / "r")
     monkeypatch.setattr(trial, "fly", fakes.raising)
-    code, out, err = arva(*command)
-    assert (code, out.count("\n")) == (1, TRIALS)
+    _, out, err = arva(*command, code=1)
+    assert out.count("\n") == TRIALS
     assert f"18 of {TRIALS} trials failed; the first one: failed: ZeroDivisionError: by nothing" in err
     assert "failed: ZeroDivisionError: by nothing" in (plan.parent / "r" / "report.html").read_text()
     monkeypatch.setattr(trial, "fly", fakes.fake)
-    code, out, err = arva(*command)
-    assert (code, out.count("\n")) == (0, 18)
+    assert arva(*command).out.count("\n") == 18
     assert rows(plan.parent / "r") == TRIALS
     assert b"failed" not in (plan.parent / "r" / "results.csv").read_bytes()
 
@@ -172,10 +160,12 @@ def test_a_worker_that_dies_is_said_and_what_is_done_stays(
     monkeypatch.setattr(trial, "fly", fakes.dying)
     monkeypatch.setattr(campaign, "processes", runner.processes)
     out = plan.parent / "r"
-    code, _, err = arva("campaign", plan, "--out", out)
-    assert code == 1
-    assert f"a worker process died, killed or out of memory; 18 of {TRIALS} results are in {out}/results.sqlite" in err
-    assert "the same command continues it" in err
+    err = arva("campaign", plan, "--out", out, code=1).err
+    says(
+        err,
+        f"a worker process died, killed or out of memory; 18 of {TRIALS} results are in {out}/results.sqlite",
+        "the same command continues it",
+    )
     assert rows(out) == 18
 
 
@@ -186,19 +176,18 @@ def test_killed_it_loses_nothing_and_repeats_only_what_was_in_the_air(
     program = start(*command)
     until(lambda: len(flights(gate)) == 20 and rows(plan.parent / "r") == 18)
     program.process.kill()
-    assert program.ends() == -signal.SIGKILL
+    program.ends(-signal.SIGKILL)
     until(lambda: not any(alive(process) for process, _ in flights(gate)))
     assert rows(plan.parent / "r") == 18
     (gate / "open").touch()
     program = start(*command)
-    assert program.ends() == 0
-    assert f"{TRIALS} trials, 18 of them done" in program.err
+    assert f"{TRIALS} trials, 18 of them done" in program.ends()
     flown = [what for _, what in flights(gate)]
     assert len(set(flown)) == TRIALS
     assert len(flown) == TRIALS + 2
     twice = {what for what in flown if flown.count(what) == 2}
     assert {int(what.split()[1]) for what in twice} == {fakes.FREE + 1}  # what waited at the gate
-    assert arva("campaign", plan, "--out", plan.parent / "unbroken").code == 0
+    arva("campaign", plan, "--out", plan.parent / "unbroken")
     assert (plan.parent / "unbroken" / "results.csv").read_bytes() == (plan.parent / "r" / "results.csv").read_bytes()
 
 
@@ -213,7 +202,7 @@ def test_interrupted_it_ends_with_its_workers_and_says_how_to_go_on(
         os.killpg(program.process.pid, number)
     else:
         program.send(number)
-    assert program.ends() == 130
+    program.ends(130)
     assert not any(alive(process) for process, _ in flights(gate))
     assert (
         f"interrupted: 18 of {TRIALS} results are in {out}/results.sqlite; the same command continues it" in program.err
@@ -226,16 +215,7 @@ def test_interrupted_while_its_workers_start_it_is_quiet_too(start: Start, plan:
     program = start("campaign", plan, "--jobs", 2, "--out", plan.parent / "r", start_new_session=True)
     program.says("0 of them done")
     os.killpg(program.process.pid, signal.SIGINT)
-    assert program.ends() == 130
-    assert "interrupted" in program.err
-
-
-def test_two_campaigns_do_not_write_one_file(arva: Arva, plan: Path) -> None:
-    out = plan.parent / "r"
-    with opened(out):
-        code, _, err = arva("campaign", plan, "--out", out)
-    assert code == 2
-    assert f"{out / 'results.sqlite'}: another campaign or another program is at work there" in err
+    assert "interrupted" in program.ends(130)
 
 
 def test_a_terminal_has_a_bar_and_when_it_is_closed_results_are_whole(
@@ -247,8 +227,7 @@ def test_a_terminal_has_a_bar_and_when_it_is_closed_results_are_whole(
     program = start("campaign", plan, "--out", out, stderr=terminal.slave)
     terminal.shows(r"50 % \|.*\| 18 of 36 trials, .* left")
     terminal.close()
-    program.send(signal.SIGHUP)
-    assert program.ends() == 130
+    program.stops(signal.SIGHUP)
     assert not any(alive(process) for process, _ in flights(gate))
     assert rows(out) == 18
 
@@ -256,12 +235,10 @@ def test_a_terminal_has_a_bar_and_when_it_is_closed_results_are_whole(
 def test_a_reader_that_goes_ends_it_and_its_results_are_whole(start: Start, plan: Path, gate: Path) -> None:
     out = plan.parent / "r"
     program = start("campaign", plan, "--out", out, "--json", stdout=subprocess.PIPE)
-    assert program.process.stdout is not None
     program.process.stdout.readline()
     program.process.stdout.close()
     (gate / "open").touch()
-    assert program.ends() == 141
-    assert "stdout" not in program.err
+    assert "stdout" not in program.ends(141)
     assert 1 <= rows(out) < TRIALS
 
 
@@ -273,79 +250,7 @@ def test_a_pipe_has_a_line_now_and_then(arva: Arva, plan: Path, monkeypatch: pyt
     assert counts == sorted(counts)
 
 
-@pytest.mark.parametrize("name", ["results.csv", "report.html"])
-def test_what_is_not_its_own_is_not_written_over(arva: Arva, plan: Path, name: str) -> None:
-    (plan.parent / name).write_text("mine\n")
-    code, _, err = arva("campaign", plan, "--out", plan.parent)
-    assert code == 2
-    assert f"{plan.parent / name}: not from a campaign" in err
-    assert (plan.parent / name).read_text() == "mine\n"
-
-
-@pytest.mark.parametrize("name", ["results.sqlite", "results.csv", "report.html"])
-def test_nothing_is_written_through_a_symlink(arva: Arva, plan: Path, name: str) -> None:
-    folder, target = plan.parent / "out", plan.parent / "of somebody"
-    assert arva("campaign", plan, "--out", folder).code == 0
-    (folder / name).rename(target)
-    kept = target.read_bytes()
-    (folder / name).symlink_to(target)
-    code, _, err = arva("campaign", plan, "--out", folder)
-    assert code == 2
-    assert str(folder / name) in err
-    assert (folder / name).is_symlink()
-    assert target.read_bytes() == kept
-
-
-def test_its_folder_may_be_a_symlink(arva: Arva, plan: Path) -> None:
-    (plan.parent / "disk").mkdir()
-    (plan.parent / "out").symlink_to(plan.parent / "disk")
-    assert arva("campaign", plan, "--out", plan.parent / "out").code == 0
-    assert (plan.parent / "disk" / "results.csv").is_file()
-
-
-def test_every_mistake_in_a_plan_and_its_scenarios_is_shown(arva: Arva, tmp_path: Path) -> None:
-    (tmp_path / "a.yaml").write_text("transmitters: []\n")
-    plan = tmp_path / "plan.yaml"
-    plan.write_text("strategies: flx\nscenarios: a.yaml\nsedes: 5\n")
-    code, out, err = arva("campaign", plan)
-    assert (code, out) == (2, "")
-    assert f"{plan}:1:13: strategies: 'flx', expected one of flux" in err
-    assert f"{plan}:3:1: unknown key 'sedes'" in err
-    assert f"{tmp_path / 'a.yaml'}:1:15: " in err
-    assert "did you mean 'flux'?" in err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "what"),
-    [
-        ("", "required: PLAN.yaml"),
-        ("none.yaml", "none.yaml:1:1: No such file or directory, expected the plan of a campaign"),
-        ("p.yaml --jobs 0", "--jobs: '0': expected a whole number 1…1024"),
-        ("p.yaml --scheduler 10.0.0.1:8786", "--scheduler: '10.0.0.1:8786': expected an address such as tcp://"),
-    ],
-)
-def test_wrong_arguments_are_refused(arva: Arva, arguments: str, what: str) -> None:
-    code, out, err = arva("campaign", *arguments.split())
-    assert (code, out) == (2, "")
-    assert what in err
-
-
 # A cluster
-
-
-def test_on_a_cluster_results_are_the_same_bytes(arva: Arva, plan: Path) -> None:
-    """Its workers are in this process; those of test_campaign_shards.py are processes."""
-    from distributed import LocalCluster
-
-    folders = [plan.parent / "local", plan.parent / "cluster"]
-    assert arva("campaign", plan, "--out", folders[0]).code == 0
-    with LocalCluster(
-        n_workers=2, processes=False, threads_per_worker=1, host="tcp://127.0.0.1", dashboard_address="127.0.0.1:0"
-    ) as c:
-        code, _, err = arva("campaign", plan, "--out", folders[1], "--scheduler", c.scheduler_address)
-    assert code == 0
-    assert "Dask workers: 2" in err
-    assert (folders[0] / "results.csv").read_bytes() == (folders[1] / "results.csv").read_bytes()
 
 
 def test_a_scheduler_that_is_not_there_is_no_link(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -353,15 +258,130 @@ def test_a_scheduler_that_is_not_there_is_no_link(arva: Arva, plan: Path, monkey
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{s.getsockname()[1]}"
-        code, _, err = arva("campaign", plan, "--scheduler", address, "--out", plan.parent / "r")
-    assert code == 3
-    assert f"no Dask scheduler answers at {address}" in err
-    assert "continues it once there is a scheduler" in err
+        err = arva("campaign", plan, "--scheduler", address, "--out", plan.parent / "r", code=3).err
+    says(err, f"no Dask scheduler answers at {address}", "continues it once there is a scheduler")
 
 
-def test_without_dask_it_is_said_how_to_get_it(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    code, _, err = arva("campaign", plan, "--scheduler", "tcp://127.0.0.1:1", "--out", plan.parent / "r")
-    assert code == 2
-    assert "pip install 'arva-hil[dask]'" in err
-    assert not (plan.parent / "r").exists()
+# -- a large campaign: on a cluster whose workers and scheduler are killed, and in parts that are put together --
+
+
+SEEDS = 65
+LARGE = fakes.PLAN.replace("seeds: 6", f"seeds: {SEEDS}")
+
+
+class Cluster:
+    """A scheduler on one port of the loopback interface and its workers, each a process of its own."""
+
+    def __init__(self) -> None:
+        with socket.socket() as s:
+            s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            s.bind(("127.0.0.1", 0))
+            self.port = s.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self._processes: list[subprocess.Popen[bytes]] = []
+
+    def scheduler(self) -> subprocess.Popen[bytes]:
+        return self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port))
+
+    def worker(self) -> subprocess.Popen[bytes]:
+        return self._start("dask_worker", self.address, "--no-nanny", "--nthreads", "1", "--host", "127.0.0.1")
+
+    def _start(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", *arguments]
+        environment = os.environ | {"PYTHONPATH": str(TESTS.parent)}
+        process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+        self._processes.append(process)
+        return process
+
+    def close(self) -> None:
+        for process in self._processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def machines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster]:
+    monkeypatch.setenv(fakes.FOLDER, str(tmp_path))
+    monkeypatch.setenv("DASK_TEMPORARY_DIRECTORY", str(tmp_path))
+    monkeypatch.setattr(far_ends, "PROGRAM", [sys.executable, str(TESTS / "campaign" / "driver.py"), "gated"])
+    cluster = Cluster()
+    yield cluster
+    cluster.close()
+
+
+def test_workers_and_the_scheduler_are_killed_and_every_result_is_there_once(
+    start: Start, plan: Path, tmp_path: Path, machines: Cluster
+) -> None:
+    def free(seed: int) -> None:
+        """So many seeds fly; the others wait in their workers."""
+        (tmp_path / "new").write_text(str(seed))
+        (tmp_path / "new").rename(tmp_path / "open")
+
+    plan.write_text(LARGE)
+    out = tmp_path / "r"
+    scheduler, first, second = machines.scheduler(), machines.worker(), machines.worker()
+    program = start("campaign", plan, "--out", out, "--scheduler", machines.address)
+    until(lambda: {process for process, _ in flights(tmp_path)} == {first.pid, second.pid})
+    first.kill()
+    free(30)
+    until(lambda: rows(out) > 100)
+    scheduler.kill()
+    program.says(rf"the scheduler at {machines.address} is gone; \d+ of {4 * SEEDS} results are in .*waiting for it")
+    second.kill()
+    free(SEEDS)
+    machines.scheduler()
+    machines.worker()
+    program.ends()
+    with opened(out) as results:
+        assert results.rows == {one.key: row(one, fakes.fake(one.trial)) for one in fakes.planned(LARGE)}
+    flown = [what for _, what in flights(tmp_path)]
+    assert len(set(flown)) == (4 * SEEDS)
+    assert len(flown) < (4 * SEEDS) + 100  # only what was in the air, or not told yet
+
+
+def test_parts_flown_apart_are_the_whole_when_they_are_merged(arva: Arva, plan: Path) -> None:
+    plan.write_text(fakes.PLAN)
+    merged, parts = plan.parent / "merged", [plan.parent / f"part{n}" for n in range(3)]
+    for n, part in enumerate(parts):
+        arva("campaign", plan, "--shard", f"{n + 1}/3", "--out", part)
+        assert rows(part) == 8
+    err = arva("campaign", plan, "--out", merged, "--merge", parts[2], parts[0], code=1).err
+    assert f"16 of 24 results are in {merged}/results.sqlite; the same command without --merge flies the rest" in err
+    arva("campaign", plan, "--out", merged, "--merge", *parts)  # two of them are there already
+    assert rows(merged) == 24
+    with opened(merged) as results:
+        assert results.rows == {one.key: row(one, fakes.fake(one.trial)) for one in fakes.planned()}
+
+
+def test_the_folder_of_a_part_has_its_name(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(plan.parent)
+    plan.write_text(fakes.PLAN)
+    arva("campaign", plan, "--shard", "2/6")
+    with opened(Path("plan-results-2-of-6")) as results:
+        assert {one.seed for one in results.rows.values()} == {2}
+
+
+def test_what_cannot_be_merged_is_said_and_nothing_is_changed(arva: Arva, plan: Path, tmp_path: Path) -> None:
+    plan.write_text(fakes.PLAN)
+    every = [row(one, fakes.fake(one.trial)) for one in fakes.planned()]
+    one = every[0]
+    with opened(tmp_path / "a") as results, opened(tmp_path / "b") as others:
+        results.add(*every)
+        others.add(replace(one, frames=one.frames + 1, numpy="1.0"), *every[1:9])
+    err = arva("campaign", plan, "--out", tmp_path / "a", "--merge", tmp_path / "b", code=1).err
+    differs = f"e.g. {one.key} ({one.strategy}, seed {one.seed}), frames {one.frames + 1} instead of {one.frames}: "
+    assert f"1 trials ended differently than in {tmp_path / 'a'}, {differs}flown by numpy 1.0 instead of " in err
+    with opened(tmp_path / "a") as results:
+        assert results.rows[one.key] == one
+    err = arva("campaign", plan, "--out", tmp_path / "a", "--merge", tmp_path / "none", code=1).err
+    assert f"{tmp_path / 'none'}: no results.sqlite there, expected the folder of a campaign" in err
+    assert not (tmp_path / "none").exists()
+
+
+def test_more_parts_than_seeds_and_more_trials_than_one_run_has_memory_for(arva: Arva, plan: Path) -> None:
+    plan.write_text(fakes.PLAN)
+    err = arva.refused("campaign", plan, "--shard", "1/7")
+    assert "--shard 1/7: the plan has 6 seeds, each part needs one at least" in err
+    plan.write_text(fakes.PLAN.replace("seeds: 6", "seeds: 2500000"))
+    err = arva.refused("campaign", plan)
+    assert "10000000 trials, at most 200000 in one run: fly it in parts, --shard 1/50" in err

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 import json
+import os
 import re
 import signal
+import tempfile
+import time
 from pathlib import Path
 
 import pytest
+
+from arva_hil.cli.demo import Pace, new_folder
+from arva_hil.clock import StepClock
+from tests.files import rows as table
+from tests.files import written
+from tests.said import says
 
 from .far_ends import Arva, Start, full_disk
 from .flown import demo, fly
@@ -51,8 +59,7 @@ def test_it_finds_the_transmitter_and_lands(tmp_path_factory: pytest.TempPathFac
     assert "search: found; landing" in err
     run, search = (json.loads((record / name).read_text()) for name in ("run.json", "search.json"))
     assert (run["ended"], search["outcome"], search["exit_code"]) == ("finished", "found", 0)
-    with open(record / "search.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = table(record / "search.csv")
     assert rows[-1]["phase"] == "landing"
     assert abs(float(rows[-1]["down_m"])) < 0.2
     assert (record / "search.png").stat().st_size > 10_000
@@ -63,8 +70,7 @@ def test_the_strategy_the_format_and_an_error_of_the_gps_are_chosen(
 ) -> None:
     hint = "the GPS of this flight had no error; --gps-noise 1.5 flies with one"
     assert hint in demo(tmp_path_factory).err
-    code, _, err = arva(*MAX, "--strategy", "flux", "--format", "text", "--gps-noise", 0.5, "--record", tmp_path)
-    assert code == 0, err
+    err = arva(*MAX, "--strategy", "flux", "--format", "text", "--gps-noise", 0.5, "--record", tmp_path).err
     assert hint not in err
     assert 0.1 < error_m(err) < 2.0
     assert "\nfound a transmitter: " in err  # this format has no ids
@@ -79,21 +85,9 @@ def test_at_full_speed_it_is_repeatable(tmp_path: Path, tmp_path_factory: pytest
         assert (before.record / file).read_bytes() == (again.record / file).read_bytes()
 
 
-def test_of_two_victims_the_nearer_is_found_and_the_other_reported(arva: Arva, tmp_path: Path) -> None:
-    two = scenario(tmp_path, (7, 12.0, -4.0), (8, -30.0, 10.0))
-    code, _, err = arva(*MAX, "--scenario", two, "--record", tmp_path / "record")
-    assert code == 0
-    assert error_m(err) < 1.0
-    assert "found transmitter 7: " in err
-    assert re.search(r"^transmitter 8 was received, but not found; nearest, [\d.]+ m away, at ", err, re.MULTILINE)
-    (other,) = json.loads((tmp_path / "record" / "search.json").read_text())["others"]
-    assert other["id"] == 8
-
-
 def test_two_victims_are_found_one_after_the_other_and_listed(arva: Arva, tmp_path: Path) -> None:
     two = scenario(tmp_path, (7, 12.0, -4.0), (8, -10.0, 10.0))
-    code, _, err = arva(*MAX, "--scenario", two, "--victims", 2, "--record", tmp_path / "record")
-    assert code == 0, err
+    err = arva(*MAX, "--scenario", two, "--victims", 2, "--record", tmp_path / "record").err
     lines = err.splitlines()
     at = lines.index("found 2 of 2")
     assert lines[at + 1] == "order of probing, the surest place first:"
@@ -110,63 +104,36 @@ def test_two_victims_are_found_one_after_the_other_and_listed(arva: Arva, tmp_pa
     assert said["found"]["lat_lon"] == pytest.approx(said["victims"][0]["lat_lon"], abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("options", "what"),
-    [
-        (["--victims", "0"], "'0': expected a whole number 1…16, or all"),
-        (["--victims", "some"], "'some': expected a whole number 1…16, or all"),
-        (["--victims", "2"], "--victims 2: there is one transmitter in default scenario"),
-        (
-            ["--victims", "2", "--count", "2"],
-            "--victims: several drones share the transmitters, one each: leave it out",
-        ),
-    ],
-)
-def test_what_cannot_be_searched_for_is_refused(arva: Arva, options: list[str], what: str) -> None:
-    code, _, err = arva(*MAX, *options)
-    assert code == 2
-    assert what in err
-
-
 def test_without_a_signal_it_flies_its_strips_lands_and_says_so(arva: Arva, tmp_path: Path) -> None:
     far = scenario(tmp_path, (1, 400.0, 0.0))
-    code, _, err = arva(*MAX, "--scenario", far, "--area=-20,-20,20,20", "--record", tmp_path / "record")
-    assert code == 1
-    assert "search: no signal: all strips are flown; landing" in err
-    assert "\nno signal: all strips are flown\n" in err
+    err = arva(*MAX, "--scenario", far, "--area=-20,-20,20,20", "--record", tmp_path / "record", code=1).err
+    says(err, "search: no signal: all strips are flown; landing", "\nno signal: all strips are flown\n")
     search = json.loads((tmp_path / "record" / "search.json").read_text())
     assert (search["outcome"], search["found"], search["others"], search["exit_code"]) == ("not found", None, [], 1)
     assert search["path_m"] == pytest.approx(60, abs=5)
 
 
-def test_a_victim_outside_the_area_is_heard_and_found(arva: Arva, tmp_path: Path) -> None:
-    outside = scenario(tmp_path, (1, 45.0, 5.0))
-    code, _, err = arva(*MAX, "--scenario", outside, "--area=-10,-10,15,10", "--record", tmp_path / "record")
-    assert code == 0, err
+def test_of_two_victims_the_nearer_is_found_outside_the_area_too_and_the_other_reported(
+    arva: Arva, tmp_path: Path
+) -> None:
+    two = scenario(tmp_path, (7, 20.0, -4.0), (8, -30.0, 10.0))
+    err = arva(*MAX, "--scenario", two, "--area=-10,-10,10,10", "--record", tmp_path / "record").err
     assert error_m(err) < 1.0
+    assert "found transmitter 7: " in err
+    assert re.search(r"^transmitter 8 was received, but not found; nearest, [\d.]+ m away, at ", err, re.MULTILINE)
+    (other,) = json.loads((tmp_path / "record" / "search.json").read_text())["others"]
+    assert other["id"] == 8
 
 
 def test_the_time_is_limited(arva: Arva, tmp_path: Path) -> None:
-    code, _, err = arva(*MAX, "--limit", 10, "--record", tmp_path)
-    assert code == 1
-    assert "\nnot found in 10 s\n" in err
-    assert "\ntransmitter 1 was received, but not found; nearest, " in err
-
-
-def test_it_runs_over_real_terminals(start: Start, tmp_path: Path) -> None:
-    # at a speed of 8, a program that gets a quarter of a core lets the vehicle go, as it should
-    near = scenario(tmp_path, (1, 6.0, 2.0))
-    program = start("demo", "--speed", 3, "--headless", "--scenario", near, "--record", tmp_path / "record")
-    program.says(r"vehicle at /dev/\S+, frames at /dev/\S+")
-    assert program.ends() == 0
-    assert error_m(program.err) < 1.0
+    err = arva(*MAX, "--limit", 10, "--record", tmp_path, code=1).err
+    says(err, "\nnot found in 10 s\n", "\ntransmitter 1 was received, but not found; nearest, ")
 
 
 def test_it_can_be_interrupted(start: Start, tmp_path: Path) -> None:
     program = start("demo", "--headless", "--record", tmp_path)
-    program.says("arming")
-    program.send(signal.SIGINT)
-    assert program.ends() == 130
+    program.says(r"vehicle at /dev/\S+, frames at /dev/\S+", "arming")
+    program.stops(signal.SIGINT)
     assert json.loads((tmp_path / "search.json").read_text())["exit_code"] == 130
     assert json.loads((tmp_path / "run.json").read_text())["ended"] == "SIGINT"
 
@@ -176,16 +143,14 @@ def test_a_full_disk_does_not_end_the_flight(start: Start, tmp_path: Path) -> No
         *(*MAX, "--record", tmp_path),
         **full_disk(),
     )
-    assert program.ends() == 1
-    assert error_m(program.err) < 1.0
+    assert error_m(program.ends(1)) < 1.0
     assert f"error: {tmp_path}: cannot record: File too large" in program.err
 
 
 @pytest.mark.parametrize("name", ["search.csv", "search.json", "frames.bin"])
 def test_a_folder_that_holds_a_search_or_a_record_stays_as_it_is(arva: Arva, tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("of yesterday")
-    code, _, err = arva(*MAX, "--record", tmp_path)
-    assert code == 2
+    err = arva.refused(*MAX, "--record", tmp_path)
     what = "a record" if name == "frames.bin" else "a search"
     assert err == f"arva-hil: {tmp_path}: holds {what} already ({name}); name another folder\n"
     assert [path.name for path in tmp_path.iterdir()] == [name]
@@ -193,15 +158,135 @@ def test_a_folder_that_holds_a_search_or_a_record_stays_as_it_is(arva: Arva, tmp
 
 
 def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) -> None:
-    code, _, err = arva(*MAX, "--format", "tunnel")
-    assert code == 2
-    assert "--format tunnel" in err
-    assert "choose binary, nmea or text" in err
+    err = arva.refused(*MAX, "--format", "tunnel")
+    says(err, "--format tunnel", "choose binary, nmea or text")
 
 
 def test_an_error_of_the_estimate_is_refused_where_the_vehicle_tells_the_truth(arva: Arva, tmp_path: Path) -> None:
-    path = tmp_path / "scenario.yaml"
-    path.write_text("spec: 2\nnavigation_error: {bias_ned: [1, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]\n")
-    code, _, err = arva(*MAX, "--scenario", path)
-    assert code == 2
-    assert "navigation_error" in err
+    path = written(
+        tmp_path / "scenario.yaml",
+        "spec: 2\nnavigation_error: {bias_ned: [1, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]\n",
+    )
+    assert "navigation_error" in arva.refused(*MAX, "--scenario", path)
+
+
+# -- `arva-hil demo` with several drones on one field ----------------------------------------------------------
+
+
+FIELD = "spec: 2\ntransmitters: [{id: 1, ned: [14, -10, 0.5]}, {id: 2, ned: [-12, 12, 1]}]\n"
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> Path:
+    return written(tmp_path / "field.yaml", FIELD)
+
+
+def test_two_drones_find_one_transmitter_each_and_what_was_not_found_is_named(
+    arva: Arva, field: Path, tmp_path: Path
+) -> None:
+    field.write_text(FIELD.replace("}]", "}, {id: 3, ned: [-400, 12, 1]}]"))
+    record = tmp_path / "record"
+    words = ("--scenario", field, "--count", 2, "--area=-20,-20,20,20", "--limit", 120, "--record", record)
+    err = arva("demo", "--speed", "max", "--web", "127.0.0.1:0", *words, code=1).err
+    assert "page: http://127.0.0.1:" in err
+    for id_ in (1, 2):
+        assert err.count(f": found transmitter {id_}: ") == 1
+    assert "not found: transmitter 3" in err
+    run = json.loads((record / "run.json").read_text())
+    assert run["vehicles"].keys() == {"drone-1", "drone-2"}
+    assert run["scenario"]["datum"] == {"lat": 46.0123, "lon": 7.7456, "alt": 1650.0}  # so that a replay has the same
+    assert (record / "drone-2" / "receiver" / "frames.bin").stat().st_size > 0
+
+
+def test_a_computer_that_is_too_slow_for_the_speed_is_named_as_the_cause(arva: Arva, field: Path) -> None:
+    ended = arva("demo", "--speed", 1000, "--headless", "--scenario", field, "--count", 2, "--limit", 30, code=(1, 3))
+    *_, lacking, last = ended.err.splitlines()
+    assert lacking.startswith("not found: transmitter 1")
+    assert last.startswith("this computer was too slow for --speed 1000: up to ")
+    assert last.endswith("choose a lower --speed, or --speed max, which waits for nothing")
+
+
+def test_who_keeps_pace_is_not_told_that_it_did_not() -> None:
+    clock, pace = StepClock(), Pace(0.0)
+    clock.wait(pace.service(clock))
+    assert pace.service(clock) == pytest.approx(0.2)
+    clock.wait(0.4)
+    pace.service(clock)
+    assert pace.complaint(20.0) == ""
+    clock.wait(2.5)
+    pace.service(clock)
+    assert pace.complaint(1.0) == (
+        "this computer was too slow for real time: up to 2.0 s of the flight behind, which may be why the search "
+        "failed: choose --speed max"
+    )
+
+
+def test_a_drone_with_two_receivers_is_refused(arva: Arva, field: Path) -> None:
+    two = "{name: front, port: pty}, {name: rear, port: pty}"
+    field.write_text(FIELD + f"vehicles: [{{name: alpha, receivers: [{two}]}}]\n")
+    assert "alpha: 2 receivers; a drone has one here" in arva.refused(*MAX, "--scenario", field)
+
+
+# -- a demo without --record: its folder is named, and those of earlier ones do not pile up --------------------
+
+
+WEEK_S = 7 * 86400
+
+
+@pytest.fixture(autouse=True)
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def folder(path: Path, age_s: float, *names: str) -> Path:
+    path.mkdir()
+    for name in names:
+        (path / name).touch()
+    os.utime(path, (time.time() - age_s,) * 2)
+    return path
+
+
+def test_a_demo_says_where_its_record_is_and_for_how_long(arva: Arva, temporary: Path) -> None:
+    err = arva("demo", "--speed", "max", "--headless", "--limit", 1, code=1).err
+    (made,) = temporary.iterdir()
+    assert re.fullmatch(r"arva-demo-\d{8}T\d{6}-\w+", made.name)
+    assert err.startswith(f"record: {made}, kept for 7 days; --record DIR keeps it elsewhere\n")
+    assert (made / "run.json").exists()
+
+
+def test_an_old_demos_folder_is_removed_and_a_younger_one_is_kept(temporary: Path) -> None:
+    old = folder(temporary / "arva-demo-a", WEEK_S + 100, "run.json", "frames.csv", "search.csv", "search.png")
+    young = folder(temporary / "arva-demo-b", WEEK_S - 100, "run.json")
+    made = new_folder()
+    assert not old.exists()
+    assert (young / "run.json").exists()
+    assert made.is_dir()
+
+
+@pytest.mark.parametrize("kind", ["holds a file of the user's", "has another name", "is a symlink", "is a file"])
+def test_what_is_not_a_demos_stays_whole(temporary: Path, kind: str) -> None:
+    name = "my-results" if kind == "has another name" else "arva-demo-a"
+    theirs = [*["notes.txt"][: kind.startswith("holds")], "run.json"]
+    path = folder(temporary / name, 2 * WEEK_S, *theirs)
+    if kind == "is a symlink":
+        path.rename(temporary / "elsewhere")
+        path.symlink_to(temporary / "elsewhere")
+        os.utime(path, (0, 0), follow_symlinks=False)
+    elif kind == "is a file":
+        (path / "run.json").rename(temporary / "file")
+        path.rmdir()
+        (temporary / "file").rename(path)
+        os.utime(path, (0, 0))
+    new_folder()
+    assert path.exists()
+    assert kind == "is a file" or sorted(os.listdir(path)) == sorted(theirs)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_another_users_folder_stays(temporary: Path) -> None:
+    path = folder(temporary / "arva-demo-a", 2 * WEEK_S, "run.json")
+    os.chown(path, 12345, 12345)
+    os.utime(path, (0, 0))
+    new_folder()
+    assert (path / "run.json").exists()

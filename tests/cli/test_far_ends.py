@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import select
 from pathlib import Path
 
 import pytest
 
 from arva_hil.links.pty import PtyLink
+from tests.said import says
 
-from . import far_ends
+from . import far_ends, forked
 from .conftest import pytest_runtest_makereport
-from .far_ends import Autopilot, Start, read_frames
+from .far_ends import DEADLINE_S, Autopilot, Start, read_frames
+from .forked import Forked
 
 
 def report_of(item: pytest.Item) -> str:
@@ -31,11 +35,14 @@ def test_the_report_of_a_failure_has_what_its_programs_have_said(
     runs = start("listen", autopilot.address)
     runs.says("listening")
     told = report_of(request.node)
-    assert f"Autopilot 1: built-in vehicle 1, which serves pty ({autopilot.address}); it has heard 0 bytes" in told
-    assert f"Program 2: ['--port', '/dev/ttyNONE7', '--autopilot', '{autopilot.address}']" in told
-    assert "has ended with 3; it has said:\n" in told
-    assert "arva-hil: /dev/ttyNONE7: no such port" in told
-    assert f"process {runs.process.pid} still runs; it has said:\nlistening at {autopilot.address}\n" in told
+    says(
+        told,
+        f"Autopilot 1: built-in vehicle 1, which serves pty ({autopilot.address}); it has heard 0 bytes",
+        f"Program 2: ['--port', '/dev/ttyNONE7', '--autopilot', '{autopilot.address}']",
+        "has ended with 3; it has said:\n",
+        "arva-hil: /dev/ttyNONE7: no such port",
+        f"process {runs.process.pid} still runs; it has said:\nlistening at {autopilot.address}\n",
+    )
 
 
 def test_frames_of_a_program_that_has_ended_are_not_waited_for(
@@ -56,3 +63,22 @@ def test_a_terminal_without_a_symlink_is_not_closed_while_a_program_may_look_for
     named.close()
     with pytest.raises(AssertionError, match="give it a symlink"):
         line.close()
+
+
+# -- the server that forks programs goes on, whatever becomes of one of them -----------------------------------
+
+
+NULL = dict.fromkeys(("stdin", "stdout", "stderr"), forked._DEVNULL)
+
+
+@pytest.mark.skipif(not forked.possible({}), reason="nothing is forked here")
+def test_nobody_wants_to_know_how_a_program_ended() -> None:
+    program = Forked(["vehicle", "--link", "pty"], env=None, **NULL)
+    os.close(program._status)
+    program._status, status = os.pipe()  # `kill` asks there
+    program.kill()
+    assert select.select([program._pidfd], [], [], DEADLINE_S)[0]
+    for fd in (program._pidfd, program._status, status):
+        os.close(fd)
+    for _ in range(3):
+        assert Forked(["--version"], env=None, **NULL).wait(DEADLINE_S) == 0

@@ -16,7 +16,9 @@ from arva_hil.cli.main import main
 from arva_hil.config import Fault, load, parse, to_dict
 from arva_hil.registry import COMMANDS, EXPORTS, FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
 from firmware_proto import Channel, Decoder, Frame, encode
+from tests.files import written
 from tests.made_records import write
+from tests.said import says
 
 from .far_ends import Arva, Autopilot
 
@@ -61,9 +63,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, s
 
 
 def scenario(folder: Path, own: str = "") -> Path:
-    path = folder / "hold.yaml"
-    path.write_text(HOLD % own)
-    return path
+    return written(folder / "hold.yaml", HOLD % own)
 
 
 # -- one of each ------------------------------------------------------------------------------------------------
@@ -79,7 +79,7 @@ def test_the_example_adds_one_of_each_kind_and_it_has_what_it_needs(of: Registry
 @pytest.mark.usefixtures("example")
 def test_a_record_is_written_in_another_s_format(arva: Arva, tmp_path: Path) -> None:
     run = write(tmp_path / "flight", 7, search=False)
-    assert arva("export", run, "--out", tmp_path / "flight.counts").code == 0
+    arva("export", run, "--out", tmp_path / "flight.counts")
     assert (tmp_path / "flight.counts").read_text() == "receiver: 7\n"
 
 
@@ -88,8 +88,7 @@ def test_a_replay_with_another_s_model_format_fault_and_observer(arva: Arva, tmp
     file, out = scenario(tmp_path, "looks: 5"), tmp_path / "frames.hex"
     options = ("--scenario", file, "--format", "hex", "--fault", "reversed=1,first=9@2-5")
     options += ("--observer", f"count,out={tmp_path / 'counts.json'},least=2")
-    ran = arva("replay", LOG, *options, "--out", out)
-    assert ran.code == 0, ran.err
+    arva("replay", LOG, *options, "--out", out)
     lines = out.read_bytes()
     assert lines.startswith(b"a457")
     assert b"754a" in lines  # backwards
@@ -97,7 +96,6 @@ def test_a_replay_with_another_s_model_format_fault_and_observer(arva: Arva, tmp
     assert min(counts.values()) >= 2
     made = json.loads((tmp_path / "counts.json").read_text())["FrameMade"]
     heard = arva("listen", out, "--format", "hex", "--json")
-    assert heard.code == 0
     assert 0 < len(heard.out.splitlines()) < made
 
 
@@ -106,8 +104,7 @@ def test_a_model_s_own_keys_change_what_it_does_and_are_in_the_record(arva: Arva
     frames = []
     for looks in 1, 100:
         folder = tmp_path / str(looks)
-        ran = arva("replay", LOG, "--scenario", scenario(tmp_path, f"looks: {looks}"), "--record", folder)
-        assert ran.code == 0, ran.err
+        arva("replay", LOG, "--scenario", scenario(tmp_path, f"looks: {looks}"), "--record", folder)
         frames.append((folder / "frames.bin").read_bytes())
         assert json.loads((folder / "run.json").read_text())["scenario"]["receiver"]["looks"] == looks
     assert frames[0] != frames[1]
@@ -117,26 +114,21 @@ def test_a_model_s_own_keys_change_what_it_does_and_are_in_the_record(arva: Arva
 def test_frames_go_to_a_link_of_another_package(arva: Arva, autopilot: Autopilot, tmp_path: Path) -> None:
     out = tmp_path / "frames"
     ran = arva("run", "--autopilot", autopilot.address, "--port", f"dump:{out}", "--duration", "1.2")
-    assert ran.code == 0, ran.err
     assert f"frames to: dump:{out}" in ran.err
     assert len(Decoder().feed(out.read_bytes(), 0.0)) == 2
-    refused = arva("run", "--autopilot", autopilot.address, "--port", "dump:")
-    assert (refused.code, "'dump:' has no path: write dump:/tmp/frames" in refused.err) == (2, True)
-    missing = arva("run", "--autopilot", autopilot.address, "--port", f"dump:{tmp_path}/no/such")
-    assert (missing.code, "cannot be written: No such file" in missing.err) == (3, True)
+    words = ("run", "--autopilot", autopilot.address, "--port")
+    assert "'dump:' has no path: write dump:/tmp/frames" in arva.refused(*words, "dump:")
+    assert "cannot be written: No such file" in arva.refused(*words, f"dump:{tmp_path}/no/such", code=3)
 
 
 @pytest.mark.undrawn
 @pytest.mark.usefixtures("example")
 def test_a_demo_flies_by_another_s_strategy_by_its_name_or_its_place(arva: Arva, tmp_path: Path) -> None:
     named, placed = tmp_path / "named", tmp_path / "placed"
-    near = tmp_path / "near.yaml"
-    near.write_text("transmitters: [{id: 1, ned: [7, 3, 0.5]}]\n")
+    near = written(tmp_path / "near.yaml", "transmitters: [{id: 1, ned: [7, 3, 0.5]}]\n")
     words = "demo", "--speed", "max", "--scenario", near, "--strategy"
-    ran = arva(*words, "homing", "--record", named)
-    assert ran.code == 0, ran.err
-    assert "found" in ran.err
-    assert arva(*words, "arva_example.strategy:Homing", "--limit", 6, "--record", placed).code == 1
+    assert "found" in arva(*words, "homing", "--record", named).err
+    arva(*words, "arva_example.strategy:Homing", "--limit", 6, "--record", placed, code=1)
     flown, landed, _ = (placed / "search.csv").read_text().partition("landing")
     lines = flown.splitlines()[:-3]  # it stops before it lands
     assert landed
@@ -149,14 +141,12 @@ def test_a_campaign_s_plan_may_name_them_too(arva: Arva, tmp_path: Path) -> None
     plan = tmp_path / "plan.yaml"
     text = "strategies: [flux, homing, 'arva_example.strategy:Homing']\nscenarios: {random: {within_m: 10}}\n"
     plan.write_text(text + "height_m: {arva_example.strategy:Homing: 5}\n")
-    ran = arva("check", plan)
-    assert (ran.code, "3 trials of flux, homing, arva_example.strategy:Homing" in ran.out) == (0, True)
+    assert "3 trials of flux, homing, arva_example.strategy:Homing" in arva("check", plan).out
     plan.write_text(text.replace("homing,", "homming,"))
-    ran = arva("check", plan)
-    assert ran.code == 2
+    err = arva.refused("check", plan)
     assert (
         f"{plan}:1:20: strategies: 'homming', expected one of flux, extremum, estimate, homing, did you mean 'homing'?"
-        in ran.err
+        in err
     )
 
 
@@ -165,11 +155,10 @@ def test_a_file_may_name_another_s_fault_and_format(arva: Arva, tmp_path: Path) 
     file = tmp_path / "s.yaml"
     text = "transmitters: [{id: 1, enu: [5, 20, 0]}]\noutput: {format: hex}\nfaults: [{reversed: %s, from_s: 3}]\n"
     file.write_text(text % 0.5)
-    ran = arva("check", file)
-    assert (ran.code, "1 Hz, hex" in ran.out, "fault reversed=0.5@3" in ran.out) == (0, True, True)
+    out = arva("check", file).out
+    says(out, "1 Hz, hex", "fault reversed=0.5@3")
     file.write_text(text % 5)
-    ran = arva("check", file)
-    assert (ran.code, ran.err) == (2, f"{file}:3:21: reversed: '5', expected a probability above 0, at most 1\n")
+    assert arva.refused("check", file) == f"{file}:3:21: reversed: '5', expected a probability above 0, at most 1\n"
 
 
 @pytest.mark.usefixtures("example")
@@ -181,16 +170,14 @@ def test_a_command_of_another_package_has_help_options_and_an_exit_code(arva: Ar
     told = arva("count-frames", "--help").out
     assert told.startswith("usage: arva-hil count-frames ")
     assert "Count the frames in a file." in told
-    code, _, err = arva("count-frame")
-    assert (code, err) == (2, "arva-hil: no command 'count-frame'; did you mean count-frames?\n")
-    code, _, err = arva("count-frames")
-    assert (code, "required: FILE" in err) == (2, True)
+    assert arva.refused("count-frame") == "arva-hil: no command 'count-frame'; did you mean count-frames?\n"
+    assert "required: FILE" in arva.refused("count-frames")
 
 
 @pytest.mark.usefixtures("example")
 def test_an_observer_is_named_by_its_place_too_and_its_options_are_checked(arva: Arva, tmp_path: Path) -> None:
     place = f"arva_example.observer:Count,out={tmp_path / 'counts.json'}"
-    assert arva("replay", LOG, "--observer", place, "--out", tmp_path / "frames").code == 0
+    arva("replay", LOG, "--observer", place, "--out", tmp_path / "frames")
     assert json.loads((tmp_path / "counts.json").read_text())["FrameMade"] > 10
     for given, answer in {
         "count": "--observer count: ",
@@ -198,8 +185,7 @@ def test_an_observer_is_named_by_its_place_too_and_its_options_are_checked(arva:
         "count,out=x,lest=3": "--observer count: options: 'lest', expected one of out, least",
         "count,out=x,least=few": "--observer count: least: 'few', expected a valid integer",
     }.items():
-        code, _, err = arva("replay", LOG, "--observer", given, "--out", tmp_path / "frames")
-        assert (code, answer in err) == (2, True), err
+        assert answer in arva.refused("replay", LOG, "--observer", given, "--out", tmp_path / "frames")
 
 
 @pytest.mark.usefixtures("example")
@@ -211,8 +197,7 @@ def test_own_keys_of_a_fault_are_checked_at_their_place_and_written_out(arva: Ar
     chosen = load(file)
     assert parse(json.dumps(to_dict(chosen)), "again") == chosen
     file.write_text(text % 1)
-    answer = f"{file}:2:33: first: '1', expected greater than or equal to 2\n"
-    assert arva("check", file) == (2, "", answer)
+    assert arva.refused("check", file) == f"{file}:2:33: first: '1', expected greater than or equal to 2\n"
     assert Fault("reversed", 0.5).options.first == 1000
 
 
@@ -240,18 +225,17 @@ def test_a_format_says_itself_that_it_carries_ids(arva: Arva) -> None:
 def test_a_mistake_in_a_model_s_own_keys_is_found_at_its_place(
     arva: Arva, tmp_path: Path, own: str, problems: list[str]
 ) -> None:
-    ran = arva("check", scenario(tmp_path, own))
-    assert ran.code == 2
-    assert all(problem in ran.err for problem in problems), ran.err
+    err = arva.refused("check", scenario(tmp_path, own))
+    assert all(problem in err for problem in problems), err
 
 
 @pytest.mark.usefixtures("example")
 def test_a_vehicle_s_receiver_takes_over_the_own_keys_of_the_same_model_only(tmp_path: Path) -> None:
-    file = tmp_path / "fleet.yaml"
-    file.write_text(
+    file = written(
+        tmp_path / "fleet.yaml",
         HOLD % "looks: 7"
         + "vehicles:\n- name: a\n  receivers:\n  - {name: same, port: pty}\n  - {name: own, port: pty, looks: 9}\n"
-        + "  - {name: other, port: pty, model: paper}\n"
+        + "  - {name: other, port: pty, model: paper}\n",
     )
     from arva_hil.config import load, parse, to_dict
 
@@ -302,24 +286,16 @@ def test_a_package_that_cannot_be_used_is_named_with_the_cure(
     install: Callable[..., None], arva: Arva, tmp_path: Path, group: str, code: str, command: str, how: str
 ) -> None:
     install("broken", group, "bad = broken:Bad", code if how != "lacks" else "class Bad: ...\n")
-    file = tmp_path / "s.yaml"
-    file.write_text("spec: 2\ntransmitters: [{id: 1, enu: [5, 20, 0]}]\nreceiver: {model: bad}\n")
-    ran = arva(*command.format(log=LOG, scenario=file).split())
-    assert ran.code == 2
-    assert f"'bad' of the package broken 2.0 {how}" in ran.err
-    assert "update that package, or uninstall it: pip uninstall broken" in ran.err
-    assert "Traceback" not in ran.err
+    file = written(tmp_path / "s.yaml", "spec: 2\ntransmitters: [{id: 1, enu: [5, 20, 0]}]\nreceiver: {model: bad}\n")
+    err = arva.refused(*command.format(log=LOG, scenario=file).split())
+    says(err, f"'bad' of the package broken 2.0 {how}", "update that package, or uninstall it: pip uninstall broken")
 
 
 def test_two_packages_with_one_name_are_refused_both(install: Callable[..., None], arva: Arva) -> None:
     for package in "broken", "other":
         install(package, "arva_hil.strategies", f"same = {package}:Same", "class Same: ...\n")
-    ran = arva("demo", "--strategy", "same")
-    assert ran.code == 2
-    assert "strategy 'same' is in 2 packages, " in ran.err
-    assert "broken 2.0" in ran.err
-    assert "other 2.0" in ran.err
-    assert "uninstall one of them" in ran.err
+    err = arva.refused("demo", "--strategy", "same")
+    says(err, "strategy 'same' is in 2 packages, ", "broken 2.0", "other 2.0", "uninstall one of them")
 
 
 def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> None:
@@ -368,8 +344,7 @@ def test_a_strategy_of_one_s_own_is_checked_before_anything_flies(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(code)
-    ran = arva(*command.split(), "--strategy", "mine:Mine")
-    assert (ran.code, f"strategy 'mine:Mine' {why}" in ran.err) == (2, True), ran.err
+    assert f"strategy 'mine:Mine' {why}" in arva.refused(*command.split(), "--strategy", "mine:Mine")
 
 
 @pytest.mark.parametrize("name", ["mine", "random"])  # "random" is Python's too
@@ -383,12 +358,14 @@ def test_a_module_that_is_there_twice_is_refused_with_both_places(
         (folder / f"{name}.py").write_text("class Mine: ...\n")
     monkeypatch.chdir(here)
     monkeypatch.syspath_prepend(there)
-    ran = arva("demo", "--strategy", f"{name}:Mine")
+    err = arva.refused("demo", "--strategy", f"{name}:Mine")
     count = 2 + (name == "random")
-    assert ran.code == 2
-    assert f"strategy '{name}:Mine': there are {count} modules of that name, {there}/{name}.py and " in ran.err
-    assert f"{here}/{name}.py" in ran.err
-    assert "rename yours, or take the other one out of PYTHONPATH" in ran.err
+    says(
+        err,
+        f"strategy '{name}:Mine': there are {count} modules of that name, {there}/{name}.py and ",
+        f"{here}/{name}.py",
+        "rename yours, or take the other one out of PYTHONPATH",
+    )
 
 
 @pytest.mark.parametrize(
@@ -401,9 +378,7 @@ def test_a_module_that_is_there_twice_is_refused_with_both_places(
 )
 def test_an_observer_that_raises_stops_nothing(install: Callable[..., None], arva: Arva, code: str, said: str) -> None:
     install("broken", "arva_hil.observers", "bad = broken:Bad", code)
-    ran = arva("replay", LOG, "--observer", "bad")
-    assert ran.code == (2 if "created" in said else 0)
-    assert said in ran.err
+    assert said in arva("replay", LOG, "--observer", "bad", code=2 if "created" in said else 0).err
 
 
 def test_the_registry_lists_every_kind_of_the_map() -> None:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 import re
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+import arva_hil
 from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader, tlog_record
-from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import SYNTHETIC
+from tests.files import written
+from tests.said import says
 
 from .far_ends import Arva, Start, contents, frames_in, heartbeat, read_frames
 
@@ -30,35 +31,20 @@ def frames_of(err: str) -> int:
 
 def test_twice_the_same_gives_the_same_bytes_another_seed_others(arva: Arva, flight: Path, tmp_path: Path) -> None:
     for folder, seed in ("first", 5), ("second", 5), ("other", 6):
-        assert arva("replay", flight, "--seed", seed, "--record", tmp_path / folder).code == 0
+        arva("replay", flight, "--seed", seed, "--record", tmp_path / folder)
     first, second, other = (contents(tmp_path / name) for name in ("first", "second", "other"))
     for name in ("frames.bin", "frames.csv", "readings.csv", "autopilot.tlog"):
         assert first[name] == second[name]
     assert first["frames.bin"] != other["frames.bin"]
     assert first["autopilot.tlog"] == other["autopilot.tlog"]
-
-
-def test_its_record_is_complete(arva: Arva, flight: Path, tmp_path: Path) -> None:
-    assert arva("replay", flight, "--record", tmp_path).code == 0
-    files = contents(tmp_path)
-    frames = frames_in(files["frames.bin"])
-    assert frames[-1].channels[0].valid
-    rows = list(csv.DictReader(io.StringIO(files["readings.csv"].decode())))
-    assert [(int(row["d_cm"]), int(row["delta_deg"])) for row in rows] == [
-        (channel.d, channel.delta) for frame in frames for channel in frame.channels
-    ]
-    assert [record.raw for record in TlogReader(tmp_path / "autopilot.tlog")] == [
-        record.raw for record in TlogReader(flight)
-    ]
-    run = json.loads(files["run.json"])
-    assert (run["ended"], run["exit_code"]) == ("finished", 0)
-    assert run["counters"]["frames"] == len(frames)
+    again, log = (TlogReader(path) for path in (tmp_path / "first" / "autopilot.tlog", flight))
+    assert [record.raw for record in again] == [record.raw for record in log]
 
 
 def test_frames_go_to_a_file_or_to_stdout(arva: Arva, start: Start, flight: Path, tmp_path: Path) -> None:
-    assert arva("replay", flight, "--out", tmp_path / "frames.bin").code == 0
+    arva("replay", flight, "--out", tmp_path / "frames.bin")
     program = start("replay", flight, "--out", "-")
-    assert program.ends() == 0
+    program.ends()
     written = (tmp_path / "frames.bin").read_bytes()
     assert program.out == written
     frames = frames_in(written)
@@ -76,7 +62,7 @@ def test_a_port_gets_the_frames_in_the_logs_rhythm_times_the_speed(start: Start,
     clock = RealClock()
     program = start("replay", LOG, "--port", line.path, "--speed", 20)
     frames = read_frames(line, 26)
-    assert program.ends() == 0
+    program.ends()
     assert clock.now() > 29 / 20  # the log's last frame is at 29 s
     assert len(frames) + len(frames_in(line.read())) == frames_of(program.err)
     assert frames[-1].channels[0].valid
@@ -113,64 +99,124 @@ def test_every_line_says_which_faults_its_frame_met(arva: Arva) -> None:
 def test_garbage_and_a_torn_tail_are_passed_over_and_counted(arva: Arva, flight: Path, tmp_path: Path) -> None:
     records = [tlog_record(*record) for record in TlogReader(flight)]
     middle = len(records) // 2
-    log = tmp_path / "torn.tlog"
-    log.write_bytes(b"".join(records[:middle]) + b"\x55" * 100 + b"".join(records[middle:])[:-5])
+    log = written(tmp_path / "torn.tlog", b"".join(records[:middle]) + b"\x55" * 100 + b"".join(records[middle:])[:-5])
     whole, hurt = arva("replay", flight, "--out", os.devnull), arva("replay", log, "--out", os.devnull)
-    assert hurt.code == 0
     assert frames_of(hurt.err) == frames_of(whole.err)
     assert f"{log}: 100 bytes of garbage, {len(records[-1]) - 5} of an incomplete last record" in hurt.err
     assert "garbage" not in whole.err
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda path: None, "no such file"),
-        (lambda path: path.mkdir(), "is a directory"),
-        (lambda path: path.write_bytes(b""), "no MAVLink packet in its 0 bytes: is it a telemetry log?"),
-        (lambda path: path.write_bytes(b"hello\n" * 100), "no MAVLink packet in its 600 bytes"),
-    ],
-)
-def test_what_is_no_log_is_refused(arva: Arva, tmp_path: Path, make: Callable[[Path], object], message: str) -> None:
-    log = tmp_path / "flight.tlog"
-    make(log)
-    code, out, err = arva("replay", log, "--record", tmp_path / "record")
-    assert (code, out) == (2, "")
-    assert f"arva-hil: {log}: {message}" in err
-    assert not (tmp_path / "record").exists()
-
-
 def test_a_log_without_an_autopilot_has_no_vehicle(arva: Arva, tmp_path: Path) -> None:
     station = Encoder(255, 190)
     hello = (heartbeat(station, dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID) for _ in range(5))
-    log = tmp_path / "station.tlog"
-    log.write_bytes(b"".join(tlog_record((1_700_000_000 + n) * 1_000_000, raw) for n, raw in enumerate(hello)))
-    ended = arva("replay", log, "--out", os.devnull)
-    assert ended.code == 3
+    log = written(
+        tmp_path / "station.tlog",
+        b"".join(tlog_record((1_700_000_000 + n) * 1_000_000, raw) for n, raw in enumerate(hello)),
+    )
+    ended = arva("replay", log, "--out", os.devnull, code=3)
     assert "no autopilot's heartbeat: heartbeats of gcs from 255/190 ×5" in ended.err
 
 
 def test_another_vehicle_than_the_logs_can_be_asked_for(arva: Arva) -> None:
-    ended = arva("replay", LOG, "--out", os.devnull, "--target-system", 9)
-    assert ended.code == 3
-    assert "packets came, but none of the wanted vehicle: packets from 1/1 ×" in ended.err
-    assert "; is its system id right?" in ended.err
+    ended = arva("replay", LOG, "--out", os.devnull, "--target-system", 9, code=3)
+    says(ended.err, "packets came, but none of the wanted vehicle: packets from 1/1 ×", "; is its system id right?")
 
 
 def test_the_log_itself_is_never_written_to(arva: Arva, tmp_path: Path) -> None:
-    log = tmp_path / "flight.tlog"
-    log.write_bytes(LOG.read_bytes())
-    code, _, err = arva("replay", log, "--out", log)
-    assert code == 2
-    assert "this is the log itself: name another file" in err
+    log = written(tmp_path / "flight.tlog", LOG.read_bytes())
+    assert "this is the log itself: name another file" in arva.refused("replay", log, "--out", log)
     assert log.read_bytes() == LOG.read_bytes()
 
 
 def test_ctrl_c_ends_it_with_whole_files(start: Start, line: PtyLink, tmp_path: Path) -> None:
     program = start("replay", LOG, "--port", line.path, "--rate", 20, "--record", tmp_path)
     frames = read_frames(line, 5)
-    program.send(signal.SIGINT)
-    assert program.ends() == 130
+    program.stops(signal.SIGINT)
     recorded = contents(tmp_path)
     assert frames_in(recorded["frames.bin"]) == frames + frames_in(line.read())
     assert json.loads(recorded["run.json"])["ended"] == "SIGINT"
+
+
+# -- a recorded flight of several vehicles, replayed by commands and in Python ---------------------------------
+
+
+HOMES = {1: (46.0123, 7.7456, 1650.0), 2: (46.1, 7.9, 2100.0)}
+STREAMS = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0}
+FLEET = """
+spec: 2
+transmitters: [{id: 7, ned: [20, 5, 0]}]
+receiver: {rate_hz: 5}
+vehicles:
+  - {name: alpha, system: 1, receivers: [{name: front, port: pty}]}
+  - {name: bravo, autopilot: 'udpin:127.0.0.1:14999', system: 2, receivers: [{name: only, port: pty, format: nmea}]}
+"""
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """12 s of two vehicles that stand at places of their own."""
+    vehicles = [SimulatedVehicle(home, system, streams=STREAMS) for system, home in HOMES.items()]
+    path = tmp_path / "two.tlog"
+    with path.open("wb") as out:
+        for tick in range(120):
+            for vehicle in vehicles:
+                for packet in Parser().feed(vehicle.poll(tick / 10)):
+                    out.write(tlog_record(1_700_000_000_000_000 + tick * 100_000, packet.raw))
+    return path
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Path:
+    return written(tmp_path / "fleet.yaml", FLEET)
+
+
+def test_each_vehicle_of_a_log_has_a_record_as_in_the_run(arva: Arva, log: Path, fleet: Path, tmp_path: Path) -> None:
+    ended = arva("replay", log, "--scenario", fleet, "--record", tmp_path / "record")
+    assert "all vehicles of" in ended.err
+    assert ended.err.count(f"{log.stat().st_size - 8 * len(list(TlogReader(log)))} bytes, ") == 1
+    assert "\nautopilot (2 vehicles): " in ended.err
+    frames = frames_in((tmp_path / "record/alpha/front/frames.bin").read_bytes())
+    assert frames[-1].channels[0].valid
+    assert (tmp_path / "record/bravo/only/frames.bin").read_bytes().count(b"$") > 50
+    for name, (lat, lon, _) in zip(("alpha", "bravo"), HOMES.values(), strict=True):
+        assert f"{name}: datum: {lat:.7f}, {lon:.7f}" in ended.err
+
+
+def test_python_returns_the_frames_of_all_vehicles(log: Path, fleet: Path) -> None:
+    frames = arva_hil.replay(log, arva_hil.load_scenario(fleet))
+    assert {made.vehicle for made in frames} == {"alpha", "bravo"}
+    last = {made.vehicle: made for made in frames}
+    assert all(made.pose is not None for made in last.values())
+    again = arva_hil.replay(log, arva_hil.load_scenario(fleet))
+    assert [made.frame for made in again] == [made.frame for made in frames]
+
+
+def test_one_receiver_of_a_fleet_writes_to_out(arva: Arva, log: Path, tmp_path: Path) -> None:
+    one = written(
+        tmp_path / "one.yaml", "".join(line for line in FLEET.splitlines(keepends=True) if "bravo" not in line)
+    )
+    arva("replay", log, "--scenario", one, "--out", tmp_path / "frames")
+    assert frames_in((tmp_path / "frames").read_bytes())[-1].channels[0].valid
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (["--port", "pty"], "each receiver has its own port"),
+        (["--out", "frames"], "has 2 receivers: --record DIR writes the frames of each"),
+        (["--target-system", "1"], "each vehicle has its own system"),
+        (["--rate", "5"], "--rate: each receiver"),
+    ],
+)
+def test_what_cannot_be_for_several_is_refused(
+    arva: Arva, log: Path, fleet: Path, options: list[str], what: str
+) -> None:
+    assert what in arva.refused("replay", log, "--scenario", fleet, *options)
+
+
+def test_vehicles_that_only_their_links_tell_apart_are_refused(arva: Arva, log: Path, fleet: Path) -> None:
+    fleet.write_text(FLEET.replace("system: 2", "system: 1"))
+    err = arva.refused("replay", log, "--scenario", fleet)
+    says(err, "alpha, bravo are all on", "give each its own `system`")
+    with pytest.raises(ValueError, match="alpha, bravo are all on"):
+        arva_hil.replay(log, arva_hil.load_scenario(fleet))

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import os
 import re
+import shutil
+import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from arva_hil.cli.main import COMMANDS
-from tests.every import every
+from arva_hil.config import load, parse
+from arva_hil.config.profiles import builtin_files
+from tests.files import written
+from tests.said import says
 
 from .far_ends import Arva
 
@@ -17,129 +26,9 @@ DATA = Path(__file__).parent.parent / "data"
 LOG = str(DATA / "px4.tlog")
 
 
-@every(
-    "arguments, what, cure",
-    [
-        ("replya x.tlog", "no command 'replya'", "did you mean replay?"),
-        ("lisen pty", "no command 'lisen'", "did you mean listen?"),
-        ("frobnicate", "no command 'frobnicate'", "the commands are run, replay, demo, search,"),
-        ("", "--port is missing", "--port /dev/ttyUSB0, --port pty, or --format tunnel"),
-        ("run", "--port is missing", "--port /dev/ttyUSB0, --port pty, or --format tunnel"),
-        ("--prot pty", "--prot pty", "arva-hil run --help"),
-        ("--por pty", "--por pty", "arva-hil run --help"),
-        ("--port", "--port", "expected one argument\n"),
-        ("--port --json", "--port", "expected one argument\n"),
-        ("search --area -x,-9,9,9", "--area: expected one argument", "begins with a dash after =: --area=-x,-9,9,9"),
-        ("--port pty --rate 0", "--rate: '0'", "a number of Hz 0.1…50"),
-        ("--port pty --rate 51", "--rate: '51'", "a number of Hz 0.1…50"),
-        ("--port pty --rate nan", "--rate: 'nan'", "a number of Hz 0.1…50"),
-        ("--port pty --rate fast", "--rate: 'fast'", "a number of Hz 0.1…50"),
-        ("--port pty --seed -1", "--seed: '-1'", "a whole number 0…9223372036854775807"),
-        ("--port pty --seed 1.5", "--seed: '1.5'", "a whole number 0…"),
-        ("--port pty --duration 0", "--duration: '0'", "a number of s of at least 0.001"),
-        ("--port pty --timeout -3", "--timeout: '-3'", "a number of s of at least 0.1"),
-        ("--port pty --target-system 0", "--target-system: '0'", "a whole number 1…255"),
-        ("--port pty --target-component 256", "--target-component: '256'", "a whole number 1…255"),
-        ("--port pty --max-age 0", "--max-age: '0'", "a number of s 0.05…60"),
-        ("--port pty --stream-rate 500", "--stream-rate: '500'", "a number of Hz 1…200"),
-        ("--port pty --format morse", "--format: no format 'morse'", "binary"),
-        ("--port pty --format tunnel", "--format tunnel goes over the autopilot's own link", "leave out --port"),
-        ("--port /dev/ttyS9 --autopilot /dev/ttyS9,57600", "are both /dev/ttyS9", "each side needs its own"),
-        ("--port udpin:127.0.0.1:5 --autopilot udpin:0.0.0.0:5", "cannot both listen there", "choose another port"),
-        ("--port udpout:1.2.3.4:5 --autopilot udpout:1.2.3.4:5", "are both udpout:1.2.3.4:5", "--format tunnel"),
-        (
-            f"--autopilot {LOG} --format tunnel",
-            "is a log: frames with --format tunnel cannot be sent there",
-            "--autopilot",
-        ),
-        ("--port - --json", "--json and --port - both go to stdout", "choose one"),
-        ("--port udp:10.0.0.1:5", "--port: 'udp:10.0.0.1:5' does not say which side", "udpin:10.0.0.1:5 or udpout"),
-        ("--port 127.0.0.1:5760", "--port: '127.0.0.1:5760' could be UDP or TCP", "tcp:127.0.0.1:5760"),
-        ("--port tcp:host", "--port: 'tcp:host' has no port", "tcp:host:5760"),
-        ("--port ttyUSB0", "--port: 'ttyUSB0' is no connection", "/dev/ttyUSB0"),
-        ("--port /dev/ttyUSB0:57600", "--port: '/dev/ttyUSB0:57600' has a colon", "/dev/ttyUSB0,57600"),
-        ("--port pty --autopilot tcp:1.2.3.4:99999", "--autopilot/--master: 'tcp:1.2.3.4:99999'", "1…65535"),
-        ("listen nowhere", "'nowhere' is no connection", "/dev/ttyACM0,57600"),
-        ("listen pty --count 0", "--count: '0'", "a whole number 1…"),
-        ("listen", "required: URL", "arva-hil listen --help"),
-        ("check", "required: FILE", "arva-hil check --help"),
-        ("replay", "required: LOG.tlog", "arva-hil replay --help"),
-        ("ports now", "unrecognized arguments: now", "arva-hil ports --help"),
-        ("doctor --listen 0", "--listen: '0'", "a number of s 0.2…3600"),
-        ("doctor --format tunnel --port pty", "--format tunnel goes over the autopilot's own link", "leave out --port"),
-        ("doctor --autopilot -", "--autopilot -: this is stdout", "cannot be read"),
-        ("doctor --autopilot pty --port -", "--port -: this is stdout, where the findings go", "`run` can"),
-        ("doctor --port 127.0.0.1:5760", "could be UDP or TCP", "tcp:127.0.0.1:5760"),
-        ("doctor --autopilot pty --port x.tlog", "--port x.tlog: this is a log", "frames cannot be sent there"),
-        (
-            "doctor --autopilot x.tlog --format named",
-            "--autopilot x.tlog: this is a log",
-            "frames with --format named cannot be sent there",
-        ),
-        ("doctor --autopilot /dev/ttyS9 --port /dev/ttyS9,9600", "are both /dev/ttyS9", "--format tunnel"),
-        ("doctor --autopilot tcp:a:1 --port tcpout://a:1", "are both tcpout://a:1", "each side needs its own"),
-        ("demo --speed 0", "--speed: '0'", "a number 0.01…1000"),
-        ("demo --speed nan", "--speed: 'nan'", "a number 0.01…1000"),
-        (f"replay {LOG} --port pty --out x", "--port and --out", "choose one"),
-        (f"replay {LOG} --out - --json", "--json and the frames both go to stdout", "choose one"),
-        (f"replay {LOG} --out /none/x", "/none/x: cannot be written", "No such file"),
-        (f"replay {LOG} --port udp:1", "--port: 'udp:1' does not say which side", "udpin:"),
-    ],
-)
-def test_wrong_arguments_are_refused(arva: Arva, arguments: str, what: str, cure: str) -> None:
-    code, out, err = arva(*arguments.split())
-    assert (code, out) == (2, "")
-    assert err.startswith("arva-hil: ")
-    assert what in err
-    assert cure in err
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("RATE", "0", "ARVA_HIL_RATE=0: '0': expected a number of Hz 0.1…50"),
-        ("FORMAT", "morse", "ARVA_HIL_FORMAT=morse: no format 'morse'"),
-        ("JSON", "perhaps", "ARVA_HIL_JSON=perhaps: expected 1 or 0"),
-        ("PORT", "udp:1.2.3.4:5", "ARVA_HIL_PORT=udp:1.2.3.4:5: 'udp:1.2.3.4:5' does not say which side listens"),
-    ],
-)
-def test_a_wrong_value_in_the_environment_is_named(
-    arva: Arva, monkeypatch: pytest.MonkeyPatch, name: str, value: str, message: str
-) -> None:
-    monkeypatch.setenv(f"ARVA_HIL_{name}", value)
-    code, _, err = arva("run")
-    assert code == 2
-    assert message in err
-
-
-def test_a_missing_scenario_is_refused(arva: Arva, tmp_path: Path) -> None:
-    code, _, err = arva("--port", "pty", "--scenario", tmp_path / "none.yaml")
-    assert code == 2
-    assert f"{tmp_path / 'none.yaml'}:1:1: No such file or directory, expected a scenario file" in err
-
-
-def test_a_folder_is_no_scenario(arva: Arva, tmp_path: Path) -> None:
-    code, _, err = arva("demo", "--scenario", tmp_path)
-    assert code == 2
-    assert f"{tmp_path}:1:1: Is a directory, expected a scenario file" in err
-
-
-@pytest.mark.parametrize("command", [["--port", "pty"], ["replay", LOG], ["demo"]])
-def test_every_mistake_in_a_scenario_is_shown_at_its_place(arva: Arva, tmp_path: Path, command: list[str]) -> None:
-    file = tmp_path / "broken.yaml"
-    file.write_text("transmitters: []\nreceiver: {rate_hz: 99}\n")
-    code, _, err = arva(*command, "--scenario", file)
-    assert code == 2
-    assert f"{file}:1:15: " in err
-    assert f"{file}:2:21: " in err
-    assert "from 0.1 to 50" in err
-
-
 def test_a_rate_must_leave_room_for_the_scenarios_jitter(arva: Arva, tmp_path: Path) -> None:
-    file = tmp_path / "jitter.yaml"
-    file.write_text("transmitters: [{id: 1, enu: [0, 0, 0]}]\nreceiver: {jitter_s: 0.1}\n")
-    code, _, err = arva("replay", LOG, "--scenario", file, "--rate", 10)
-    assert code == 2
+    file = written(tmp_path / "jitter.yaml", "transmitters: [{id: 1, enu: [0, 0, 0]}]\nreceiver: {jitter_s: 0.1}\n")
+    err = arva.refused("replay", LOG, "--scenario", file, "--rate", 10)
     assert "--rate 10: the scenario's jitter_s of 0.1 is not less than half the period" in err
 
 
@@ -151,8 +40,9 @@ HELPS = [(), *((command,) for command in COMMANDS)]
 def test_help_has_80_columns_and_whole_words(arva: Arva, command: tuple[str, ...], flag: str) -> None:
     if not command and flag == "--help-all":
         return
-    code, out, err = arva(*command, flag)
-    assert (code, err) == (0, "")
+    _, out, err = arva(*command, flag)
+    assert err == ""
+    assert out.startswith(" ".join(["usage: arva-hil", *command]))
     assert [line for line in out.splitlines() if len(line) > 80] == []
     assert not re.search(r"\w-$", out, re.MULTILINE), "a word is broken at its hyphen"
 
@@ -187,6 +77,169 @@ def test_a_missing_extra_is_reported_before_a_folder_is_made(
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.chdir(tmp_path)
-    ran = arva(*line.split())
-    assert (ran.code, f"pip install 'arva-hil[{extra}]'" in ran.err) == (2, True), ran.err
+    assert f"pip install 'arva-hil[{extra}]'" in arva.refused(*line.split())
     assert list(tmp_path.iterdir()) == []
+
+
+# -- `arva-hil config`: what holds, where it comes from, and that its output is a scenario that says the same --
+
+
+SCENARIO = """\
+transmitters:
+  - {id: 3, enu: [9, 5, 0]}
+  - id: 4
+    ned: [1, 2, 3]
+    strength: 0.5
+receiver:
+  rate_hz: 2
+faults: [{drop: 0.02, from_s: 10, until_s: 60}]
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return written(tmp_path / "mine.yaml", SCENARIO)
+
+
+def origins(out: str) -> dict[str, tuple[Any, str]]:
+    """Value and origin by key."""
+    return {said["key"]: (said["value"], said["from"]) for said in map(json.loads, out.splitlines())}
+
+
+def test_each_value_says_where_it_comes_from(arva: Arva, file: Path) -> None:
+    _, out, err = arva("config", "--scenario", file, "--json")
+    assert err == ""
+    said = origins(out)
+    assert said["transmitters.0.id"] == (3, f"{file}:2")
+    assert said["transmitters.0.ned"] == ([5, 9, 0], f"{file}:2")  # the file says it as enu
+    assert said["transmitters.1.strength"] == (0.5, f"{file}:5")
+    assert said["transmitters.0.strength"] == (1.0, "default")
+    assert said["receiver.rate_hz"] == (2.0, f"{file}:7")
+    assert said["faults.0.drop"] == (0.02, f"{file}:8")
+    assert said["seed"] == (1, "default")
+    assert said["--timeout"] == (10.0, "default")
+
+
+def test_the_environment_is_stronger_than_the_file_and_the_command_line_stronger_than_both(
+    arva: Arva, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in {"RATE": "5", "SEED": "7", "PORT": "pty", "TIMEOUT": "3", "FAULT": "drop=0.5"}.items():
+        monkeypatch.setenv(f"ARVA_HIL_{name}", value)
+    said = origins(arva("config", "--scenario", file, "--seed", 9, "--timeout", 4, "--json").out)
+    assert said["receiver.rate_hz"] == (5.0, "environment, ARVA_HIL_RATE")
+    assert said["seed"] == (9, "command line")
+    assert said["--timeout"] == (4.0, "command line")
+    assert said["--port"] == ("pty", "environment, ARVA_HIL_PORT")
+    assert said["--scenario"] == (str(file), "command line")
+    assert said["faults.0.drop"] == (0.02, f"{file}:8")
+    assert said["faults.1.drop"] == (0.5, "environment, ARVA_HIL_FAULT")
+
+
+def test_faults_that_are_taken_away_are_gone(arva: Arva, file: Path) -> None:
+    said = origins(arva("config", "--scenario", file, "--fault", "none", "--json").out)
+    assert said["faults"] == ([], "command line")
+    said = origins(arva("config", "--scenario", file, "--fault", "none", "--fault", "drop=0.5", "--json").out)
+    assert said["faults.0.drop"] == (0.5, "command line")
+
+
+def test_where_a_value_of_a_receiver_stands_for_all_that_line_is_named(arva: Arva) -> None:
+    said = origins(arva("config", "--scenario", "builtin:two_vehicles", "--json").out)
+    source = str(builtin_files()["two_vehicles"])
+    lines = Path(source).read_text().splitlines()
+    (line,) = (number for number, text in enumerate(lines, 1) if text.startswith("receiver:"))
+    assert said["vehicles.0.receivers.0.rate_hz"] == (1.0, f"{source}:{line}")
+
+
+NO_SCENARIOS = ("campaigns/", "receivers/", "transmitters/")
+
+
+@pytest.mark.parametrize("name", [name for name in builtin_files() if not name.startswith(NO_SCENARIOS)])
+def test_what_it_prints_is_a_scenario_that_says_the_same(arva: Arva, name: str) -> None:
+    out = arva("config", "--scenario", f"builtin:{name}").out
+    again = parse(out, "config")
+    assert dataclasses.replace(again, source="") == dataclasses.replace(load(f"builtin:{name}"), source="")
+
+
+def test_without_anything_the_defaults_are_printed_beside_their_values(arva: Arva) -> None:
+    out = arva("config").out
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    says(lines, "rate_hz: 1.0 # default", "# --autopilot udpin:127.0.0.1:14550 # default")
+
+
+def test_a_mistake_in_the_file_is_told_as_by_run(arva: Arva, file: Path) -> None:
+    file.write_text("transmitters: []\n")
+    assert f"{file}:1:15: " in arva.refused("config", "--scenario", file)
+
+
+# -- `arva-hil completion SHELL`, tried in the shells themselves -----------------------------------------------
+
+
+LINES = [
+    (["arva-hil", "re"], ["record", "replay", "report"]),
+    (["arva-hil", "replay", "--sp"], ["--speed"]),
+    (["arva-hil", "--autop"], ["--autopilot"]),  # run is the default command
+    (["arva-hil", "listen", "--format", "t"], ["text", "tunnel"]),
+    (["arva-hil", "demo", "--strategy", "e"], ["extremum", "estimate"]),
+    (["arva-hil", "completion", ""], ["bash", "fish", "zsh"]),
+    (["arva-hil", "check", "my_sc"], ["my_scenario.yaml"]),
+    (["arva-hil", "replay", "--record", "my_f"], ["my_folder"]),
+]
+BASH = """
+eval "$(cat script)"
+complete -p arva-hil >/dev/null || exit 9
+COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMPREPLY=()
+$(complete -p arva-hil | sed 's/.*-F \\([^ ]*\\).*/\\1/') arva-hil "${@: -1}" "${@: -2:1}"
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+FISH = 'source script; complete -C "$argv"'
+
+
+@pytest.fixture
+def folder(arva: Arva, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """Some files to complete, and the script for the shell that the test is for."""
+    _, out, err = arva("completion", request.param)
+    assert err == ""
+    (tmp_path / "script").write_text(out)
+    (tmp_path / "my_scenario.yaml").touch()
+    (tmp_path / "my_folder").mkdir()
+    return tmp_path
+
+
+def said(command: list[str], folder: Path) -> list[str]:
+    """What a shell answers, without descriptions; it must not have anything to complain of."""
+    environment = {**os.environ, "HOME": str(folder)}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=30)
+    assert (done.returncode, done.stderr) == (0, "")
+    return [line.partition("\t")[0].rstrip("/") for line in done.stdout.splitlines()]
+
+
+@pytest.mark.parametrize("folder", ["bash"], indirect=True)
+@pytest.mark.parametrize(("words", "completed"), LINES, ids=lambda value: " ".join(value))
+def test_bash_completes(folder: Path, words: list[str], completed: list[str]) -> None:
+    assert sorted(said(["bash", "--norc", "-c", BASH, "bash", *words], folder)) == sorted(completed)
+
+
+@pytest.mark.skipif(shutil.which("fish") is None, reason="fish is not installed")
+@pytest.mark.parametrize("folder", ["fish"], indirect=True)
+@pytest.mark.parametrize(("words", "completed"), LINES, ids=lambda value: " ".join(value))
+def test_fish_completes(folder: Path, words: list[str], completed: list[str]) -> None:
+    answered = said(["fish", "--no-config", "-c", FISH, " ".join(words)], folder)
+    assert sorted(answered) == sorted(completed)
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
+@pytest.mark.parametrize("folder", ["zsh"], indirect=True)
+def test_zsh_understands_the_script(folder: Path) -> None:
+    assert said(["zsh", "-n", "script"], folder) == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_command_is_in_the_script(arva: Arva, shell: str) -> None:
+    out = arva("completion", shell).out
+    assert not [command for command in COMMANDS if command not in out]
+
+
+def test_another_shell_is_refused_and_the_three_are_named(arva: Arva) -> None:
+    err = arva.refused("completion", "csh")
+    assert "invalid choice: 'csh'" in err
+    assert all(shell in err for shell in ("bash", "zsh", "fish"))

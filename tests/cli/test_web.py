@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 import math
 import re
+import socket
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,16 @@ import pytest
 from arva_hil.cli.main import main
 from arva_hil.events import DatumSet, Event, FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.reasons import Why, because
-from arva_hil.events.searches import FromSearch, SearchBegun, SearchEnded, TakeOffPoint, TransmitterHeard, VictimNoted
+from arva_hil.events.searches import (
+    FromSearch,
+    PlaceFound,
+    SearchBegun,
+    SearchEnded,
+    TakeOffPoint,
+    TransmitterChosen,
+    TransmitterHeard,
+    VictimNoted,
+)
 from arva_hil.events.vehicles import AutopilotText, VehicleFound
 from arva_hil.links.pty import PtyLink
 from arva_hil.model.field.dipole import Transmitters
@@ -28,9 +37,13 @@ from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
 from firmware_proto import Channel, Frame, encode
 from tests.browser import Tab
+from tests.every import every
+from tests.files import rows as table
+from tests.files import written
+from tests.said import says
 
 from . import flown
-from .far_ends import Autopilot, Beacon, Keep, Program, Start
+from .far_ends import Arva, Autopilot, Beacon, Keep, Program, Start
 
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 WEB = ("--web", "127.0.0.1:0")
@@ -65,8 +78,7 @@ def url_of(program: Program) -> str:
 
 
 def readings(folder: Path) -> list[dict[str, str]]:
-    with open(folder / "readings.csv", newline="") as file:
-        return list(csv.DictReader(file))
+    return table(folder / "readings.csv")
 
 
 def frame_at(rows: list[dict[str, str]], time_s: float = math.inf) -> list[dict[str, str]]:
@@ -109,27 +121,15 @@ def is_shown(tab: Tab, slots: list[dict[str, str]], *, true: bool = True) -> Non
     assert tab.text("#heard") == str(sum(int(slot["d_cm"]) > 0 for slot in slots))
 
 
-def test_a_replay(start: Start, tab: Tab, tmp_path: Path) -> None:
-    program = start("replay", LOG, "--speed", 15, *WEB, "--record", tmp_path / "record")
-    tab.open(url_of(program))
-    tab.shows("#banner", OVER)
-    assert program.ends() == 0
-    rows = readings(tmp_path / "record")
-    is_shown(tab, frame_at(rows))
-    frames = len({row["time_s"] for row in rows})
-    assert tab.text("#number") == str(frames)
-    assert tab.page.locator(".plot").first.get_attribute("data-points") == str(frames)
-    assert tab.text("#kind") == "replay"
-
-
 def test_a_run(start: Start, autopilot: Autopilot, line: PtyLink, tab: Tab, tmp_path: Path) -> None:
     program = start(
         *("run", "--autopilot", autopilot.address, "--port", line.path, "--rate", 10, "--duration", 3),
         *(*WEB, "--record", tmp_path / "record"),
     )
+    tab.moves()
     tab.open(url_of(program))
     tab.shows("#banner", OVER)
-    assert program.ends() == 0
+    program.ends()
     rows = readings(tmp_path / "record")
     is_shown(tab, frame_at(rows))
     health = tab.text("#checks")
@@ -143,12 +143,18 @@ def test_a_run(start: Start, autopilot: Autopilot, line: PtyLink, tab: Tab, tmp_
     assert place.replace("-0.0", "0.0") in label.replace("-0.0", "0.0")
 
 
-def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Tab, tmp_path: Path) -> None:
-    program = start("demo", "--headless", "--speed", 3, *WEB, "--record", tmp_path / "record")
+@pytest.fixture
+def near(tmp_path: Path) -> Path:
+    """A scenario whose transmitter is found soon."""
+    return written(tmp_path / "near.yaml", "transmitters: [{id: 1, ned: [9, 3, 0.5]}]\n")
+
+
+def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Tab, near: Path, tmp_path: Path) -> None:
+    program = start(*("demo", "--headless", "--scenario", near, "--speed", 3), *WEB, "--record", tmp_path / "record")
     tab.open(url_of(program))
     label = tab.page.locator("#map")
     tab.shows("#phase", "homing in")
-    assert "transmitter 1 at 20.0 m north, 5.0 m east" in str(label.get_attribute("aria-label"))
+    assert "transmitter 1 at 9.0 m north, 3.0 m east" in str(label.get_attribute("aria-label"))
     tab.page.locator("#truth").click()
     assert "transmitter" not in str(label.get_attribute("aria-label"))
     assert not tab.page.locator("#channels .true").first.is_visible()
@@ -156,7 +162,7 @@ def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Ta
     assert "off the truth" not in tab.text("#belief")
     tab.page.locator("#truth").click()
     tab.shows("#outcome-title", "Found")
-    assert program.ends() == 0
+    program.ends()
     tab.shows("#phase", "ended")
     is_shown(tab, frame_at(readings(tmp_path / "record")))
     found = json.loads((tmp_path / "record" / "search.json").read_text())["found"]
@@ -192,14 +198,13 @@ def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_
     )
     tab.open(url_of(program))
     tab.shows("#outcome-title", "No search")
-    assert program.ends() == 0
+    program.ends()
     shown = d_cm(int(tab.page.locator("#number").get_attribute("data-seq") or -1))
     assert tab.rows("#channels tbody tr") == [
         ["4", in_metres(str(shown)), "+10°", "mid", "–"],
         ["9", "45.0 m", "−40°", "mid", "–"],
     ]
-    with open(tmp_path / "record" / "search.csv", newline="") as file:
-        logged = [int(row["d_cm"]) for row in csv.DictReader(file) if row["d_cm"]]
+    logged = [int(row["d_cm"]) for row in table(tmp_path / "record" / "search.csv") if row["d_cm"]]
     assert abs(shown - logged[-1]) <= 7 * 50  # the log has fewer rows, and on a slow machine the page is behind
     assert re.search(r"mode\n.*armed", tab.text("#checks"))
     assert not tab.page.locator("#truth").is_visible()  # there is none to show
@@ -296,45 +301,68 @@ def test_nothing_keeps_anybody_from_using_it(start: Start, tab: Tab, record: Pat
     program.stops()
 
 
-def test_several_receivers_strange_texts_and_a_pose_that_is_no_number(tab: Tab) -> None:
-    page = WebPage(HostPort("127.0.0.1", 0), State("run", "<i>", named=True))
-    try:
+@pytest.fixture
+def serve(tab: Tab, keep: Keep) -> Callable[[State], WebPage]:
+    """`serve(state)`: a page that shows it, open in the tab."""
+
+    def opened(state: State) -> WebPage:
+        page = keep(WebPage(HostPort("127.0.0.1", 0), state))
         tab.open(page.address.url)
-        assert tab.text("#distance") == "––"
-        for name, d_cm in (("front", 1234), ("rear", 250)):
-            reading = Reading((ChannelReading(7, 1, d_cm, -12, None),), False, False)
-            where = Pose([math.nan, 0.0, 0.0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
-            frame = Frame(5, 1, (Channel(7, 1, d_cm, -12),))
-            page.observe(FrameMade(1.0, "alpha", name, 5, 1.0, None, where, 0.1, reading, frame, True, 0.0, ("drop",)))
-        hostile = "<img src=x onerror=alert(1)>\u202e"
-        page.observe(VehicleFound(1.0, "alpha", hostile, 2, False))
-        page.observe(AutopilotText(1.0, "alpha", hostile))
-        status = [ReceiverStatus(name, None, 5, 2, None) for name in ("front", "rear")]
-        page.observe(StatusReport(1.0, [VehicleStatus("alpha", hostile, {"ATTITUDE": 1.0}, status)]))
-        tab.shows("#distance", "12.3")
-        tab.page.locator("#receiver").select_option("alpha/rear")
-        tab.shows("#distance", "2.50")
-        assert "<img src=x onerror=alert(1)>\\u202e" in tab.text("#events")
-        assert tab.page.locator("img").count() == 1
-        health = tab.text("#checks")
-        assert "2 dropped" in health
-        assert "faults on\ndrop" in health
-        assert tab.page.locator("#pill").get_attribute("data-level") == "bad"
-    finally:
-        page.close()
+        return page
+
+    return opened
 
 
-def flight(*events: Event) -> State:
-    """A search for two transmitters, at 10 m and 20 m north of the take-off point, and what happened in it."""
-    state = State("demo", "")
+Serve = Callable[[State], WebPage]  # it is a fixture
+
+
+def made(
+    number: int,
+    north: float = 0.0,
+    east: float = 0.0,
+    *,
+    pose: bool = True,
+    d_cm: int = 1234,
+    delta: int = -12,
+    late_s: float = 0.0,
+    of: tuple[str, str] = ("vehicle", "receiver"),
+    faults: tuple[str, ...] = (),
+) -> FrameMade:
+    """A frame of this number, made at as many seconds, 3 m high."""
+    where = Pose([north, east, -3.0], np.eye(3)) if pose else None
+    reading = Reading((ChannelReading(1, 1, d_cm, delta, 9.75),), False, False)
+    frame = Frame(number, 1, (Channel(1, 1, d_cm, delta),))
+    time_s = float(number)
+    return FrameMade(time_s, *of, number, time_s, None, where, 0.1, reading, frame, True, late_s, faults)
+
+
+def two_buried(state: State) -> State:
+    """The same with a vehicle, and transmitters 1 and 2 at 10 m and 20 m north."""
     places = np.array([[10.0, 0.0, 1.0], [20.0, 0.0, 1.0]])
     there = Transmitters((1, 2), places, np.array([np.eye(3)] * 2), np.ones(2))
     reports = [ReceiverStatus("receiver", None, 5, 0, there)]
-    state.update([DatumSet(0.0, "vehicle", 46.0123, 7.7456, 1650.0, ())])
     state.update([StatusReport(1.0, [VehicleStatus("vehicle", "quadrotor 1/1", {}, reports)])])
-    begun = TakeOffPoint(1.0, 46.0123, 7.7456, 1650.0), SearchBegun(2.0, 3.0, 2)
-    state.update([FromSearch(event.time_s, event) for event in (*begun, *events)])
     return state
+
+
+def test_several_receivers_strange_texts_and_a_pose_that_is_no_number(tab: Tab, serve: Serve) -> None:
+    page = serve(State("run", "<i>", named=True))
+    assert tab.text("#distance") == "––"
+    for name, d_cm in (("front", 1234), ("rear", 250)):
+        page.observe(made(5, math.nan, d_cm=d_cm, of=("alpha", name), faults=("drop",)))
+    hostile = "<img src=x onerror=alert(1)>\u202e"
+    page.observe(VehicleFound(1.0, "alpha", hostile, 2, False))
+    page.observe(AutopilotText(1.0, "alpha", hostile))
+    status = [ReceiverStatus(name, None, 5, 2, None) for name in ("front", "rear")]
+    page.observe(StatusReport(1.0, [VehicleStatus("alpha", hostile, {"ATTITUDE": 1.0}, status)]))
+    tab.shows("#distance", "12.3")
+    tab.page.locator("#receiver").select_option("alpha/rear")
+    tab.shows("#distance", "2.50")
+    assert "<img src=x onerror=alert(1)>\\u202e" in tab.text("#events")
+    assert tab.page.locator("img").count() == 1
+    health = tab.text("#checks")
+    says(health, "2 dropped", "faults on\ndrop")
+    assert tab.page.locator("#pill").get_attribute("data-level") == "bad"
 
 
 def noted(number: int, id_: int, off_m: float, *, sure: bool = True, marked: bool = True) -> VictimNoted:
@@ -353,161 +381,158 @@ ENDS = [
 ]
 
 
-@pytest.mark.parametrize(("events", "level", "title", "rows"), ENDS)
+@every("events, level, title, rows", ENDS)
 def test_a_find_and_a_failure_never_look_alike(
-    tab: Tab, events: tuple[Event, ...], level: str, title: str, rows: list[str]
+    tab: Tab, serve: Serve, events: tuple[Event, ...], level: str, title: str, rows: list[str]
 ) -> None:
-    page = WebPage(HostPort("127.0.0.1", 0), flight(*events))
-    try:
-        tab.open(page.address.url)
-        assert not tab.page.locator("#outcome").is_visible()
-        tab.shows("#count", title if events else "0 of 2 found")
-        page.observe(FromSearch(90.0, TIME_UP))
-        tab.shows("#outcome-title", title)
-        assert tab.page.locator("#outcome").get_attribute("data-level") == level
-        shown = tab.page.locator("#outcome-list li").all_inner_texts()
-        assert [wanted for wanted, row in zip(rows, shown, strict=True) if not re.search(wanted, row)] == []
-        noted = [event for event in events if isinstance(event, VictimNoted)]
-        states = [STATES[one.sure, one.marked] for one in noted]
-        assert [row.get_attribute("data-state") for row in tab.page.locator("#victims li").all()] == states
-    finally:
-        page.close()
+    state = two_buried(State("demo", ""))
+    begun = TakeOffPoint(1.0, 46.0123, 7.7456, 1650.0), SearchBegun(2.0, 3.0, 2)
+    state.update([DatumSet(0.0, "vehicle", 46.0123, 7.7456, 1650.0, ())])
+    state.update([FromSearch(event.time_s, event) for event in (*begun, *events)])
+    page = serve(state)
+    assert not tab.page.locator("#outcome").is_visible()
+    tab.shows("#count", title if events else "0 of 2 found")
+    page.observe(FromSearch(90.0, TIME_UP))
+    tab.shows("#outcome-title", title)
+    assert tab.page.locator("#outcome").get_attribute("data-level") == level
+    shown = tab.page.locator("#outcome-list li").all_inner_texts()
+    assert [wanted for wanted, row in zip(rows, shown, strict=True) if not re.search(wanted, row)] == []
+    states = [STATES[one.sure, one.marked] for one in events if isinstance(one, VictimNoted)]
+    assert [row.get_attribute("data-state") for row in tab.page.locator("#victims li").all()] == states
+    page.close()
 
 
-def test_one_key_shows_the_receiver_alone_and_its_arrow_turns_the_short_way(tab: Tab) -> None:
-    page = WebPage(HostPort("127.0.0.1", 0), State("run", "field.yaml"))
-    where = Pose([0.0, 0.0, -3.0], np.eye(3))
-    try:
-        tab.open(page.address.url)
-        for number, delta in enumerate((0, 60, 85, -85, -60, 0)):
-            reading = Reading((ChannelReading(1, 1, 1234 + number, delta, None),), False, False)
-            frame = Frame(number, 1, (Channel(1, 1, 1234 + number, delta),))
-            made = FrameMade(
-                1.0, "vehicle", "receiver", number, 1.0 + number, None, where, 0.1, reading, frame, True, 0.0
-            )
-            page.observe(made)
-            tab.shows("#number", str(number + 1))
-            turned, heads = tab.page.evaluate(TURNED)
-            assert turned == delta + 180 * (number > 2)
-            assert bool(heads) == (number > 2)  # the solid head is in front
-        for width in (390, 1280):
-            tab.page.set_viewport_size({"width": width, "height": 844})
-            tab.page.keyboard.press("r")
-            assert not tab.page.locator("#map").is_visible()
-            box = tab.page.locator("#distance").bounding_box()
-            assert box is not None
-            assert box["height"] >= 95  # pixels: 25 mm of a usual screen
-            tab.page.keyboard.press("Escape")
-            assert tab.page.locator("#map").is_visible()
-    finally:
-        page.close()
+def test_one_key_shows_the_receiver_alone_and_its_arrow_turns_the_short_way(tab: Tab, serve: Serve) -> None:
+    page = serve(State("run", "field.yaml"))
+    for number, delta in enumerate((0, 60, 85, -85, -60, 0)):
+        page.observe(made(number, d_cm=1234 + number, delta=delta))
+        tab.shows("#number", str(number + 1))
+        turned, heads = tab.page.evaluate(TURNED)
+        assert turned == delta + 180 * (number > 2)
+        assert bool(heads) == (number > 2)  # the solid head is in front
+    for width in (390, 1280):
+        tab.page.set_viewport_size({"width": width, "height": 844})
+        tab.page.keyboard.press("r")
+        assert not tab.page.locator("#map").is_visible()
+        assert tab.page.locator("#distance").bounding_box()["height"] >= 95  # pixels: 25 mm of a usual screen
+        tab.page.keyboard.press("Escape")
+        assert tab.page.locator("#map").is_visible()
 
 
-def test_a_lesson_hides_the_truth_and_has_a_score_at_the_end(tab: Tab) -> None:
-    state = State("run", "lesson.yaml", hidden=True)
-    places = np.array([[10.0, 0.0, 1.0], [20.0, 0.0, 1.0]])
-    there = Transmitters((1, 2), places, np.array([np.eye(3)] * 2), np.ones(2))
-    state.update(
-        [StatusReport(1.0, [VehicleStatus("vehicle", "", {}, [ReceiverStatus("receiver", None, 5, 0, there)])])]
-    )
-    page = WebPage(HostPort("127.0.0.1", 0), state)
-    reading = Reading((ChannelReading(1, 1, 1234, -12, 9.75),), False, False)
-    frame = Frame(5, 1, (Channel(1, 1, 1234, -12),))
-    try:
-        tab.open(page.address.url)
-        for n, north in ((30, 10.6), (50, 14.0)):
-            where = Pose([north, 0.8, -3.0], np.eye(3))
-            page.observe(
-                FrameMade(float(n), "vehicle", "receiver", n, float(n), None, where, 0.1, reading, frame, True, 0.0)
-            )
-            tab.page.wait_for_selector(f'#number[data-time="{n}"]')
-            tab.page.keyboard.press("m")
-        with urllib.request.urlopen(f"{page.address.url}state.json") as answer:
-            text = answer.read().decode()
-        assert "9.75" not in text
-        assert json.loads(text)["transmitters"] == []
-        assert not tab.page.locator("#truth").is_visible()
-        page.close("stopped")
-        tab.shows("#outcome-title", "1 of 2 found, 1 not sure")
-        assert "mean error 3.5 m, 50 s" in tab.text("#outcome-why")
-        rows = tab.page.locator("#outcome-list li").all_inner_texts()
-        assert "Victim 1 (transmitter 1)" in rows[0]
-        assert "1.0 m off, 30 s" in rows[0]
-        assert "Victim 2 (transmitter 2)" in rows[1]
-        assert "6.1 m off, 50 s, more than 2 m from the next transmitter" in rows[1]
-    finally:
-        page.close()
+def test_a_lesson_hides_the_truth_and_has_a_score_at_the_end(tab: Tab, serve: Serve) -> None:
+    page = serve(two_buried(State("run", "lesson.yaml", hidden=True)))
+    for n, north in ((30, 10.6), (50, 14.0)):
+        page.observe(made(n, north, 0.8))
+        tab.page.wait_for_selector(f'#number[data-time="{n}"]')
+        tab.page.keyboard.press("m")
+    with urllib.request.urlopen(f"{page.address.url}state.json") as answer:
+        text = answer.read().decode()
+    assert "9.75" not in text
+    assert json.loads(text)["transmitters"] == []
+    assert not tab.page.locator("#truth").is_visible()
+    page.close("stopped")
+    tab.shows("#outcome-title", "1 of 2 found, 1 not sure")
+    assert "mean error 3.5 m, 50 s" in tab.text("#outcome-why")
+    first, second = tab.page.locator("#outcome-list li").all_inner_texts()
+    assert re.search(r"Victim 1 \(transmitter 1\)\s.*1\.0 m off, 30 s", first)
+    assert re.search(r"Victim 2 \(transmitter 2\)\s.*6\.1 m off, 50 s, more than 2 m from the next transmitter", second)
 
 
-def test_late_frames_are_no_good_health(tab: Tab) -> None:
+def test_late_frames_are_no_good_health(tab: Tab, serve: Serve) -> None:
     state = State("run", "field.yaml")
     state.update([VehicleFound(1.0, "vehicle", "quadrotor 1/1", 2, False)])
-    reading, where = Reading((), False, False), Pose([30.0, 30.0, -3.0], np.eye(3))
-    for n, late_s in ((1, 0.001), (2, 0.330)):
-        made = FrameMade(
-            float(n), "vehicle", "receiver", n, float(n), None, where, 0.1, reading, Frame(n, 1, ()), True, late_s
-        )
-        state.update([made])
-    page = WebPage(HostPort("127.0.0.1", 0), state)
-    try:
-        tab.open(page.address.url)
-        assert tab.text("#pill-text") == "frames late: up to 330 ms"
-        assert "end other programs" in tab.text("#checks")
-    finally:
-        page.close()
+    state.update([made(n, 30.0, 30.0, late_s=late_s) for n, late_s in ((1, 0.001), (2, 0.330))])
+    serve(state)
+    assert tab.text("#pill-text") == "frames late: up to 330 ms"
+    assert "end other programs" in tab.text("#checks")
 
 
-def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab) -> None:
+def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab, serve: Serve) -> None:
     state = State("run", "field.yaml")
-    reading = Reading((ChannelReading(1, 1, 1234, -12, None),), False, False)
-    frame = Frame(5, 1, (Channel(1, 1, 1234, -12),))
-    for n, where in ((1, Pose([30.0, 30.0, -3.0], np.eye(3))), (2, None), (43, None)):
-        state.update(
-            [FrameMade(float(n), "vehicle", "receiver", n, float(n), None, where, 0.1, reading, frame, True, 0.0)]
-        )
-    page = WebPage(HostPort("127.0.0.1", 0), state)
-    try:
-        tab.open(page.address.url)
-        label = str(tab.page.locator("#map").get_attribute("aria-label"))
-        assert "vehicle last known 42 s ago, 42 m NE of home" in label
-        assert tab.page.evaluate(PLACED) == ["21.9 m S, 0.0 m E", "0.0 m N, 3.0 m W"]
-        assert "last known place" in tab.text("#legend")
-    finally:
-        page.close()
+    state.update([made(1, 30.0, 30.0), made(2, pose=False), made(43, pose=False)])
+    serve(state)
+    label = str(tab.page.locator("#map").get_attribute("aria-label"))
+    assert "vehicle last known 42 s ago, 42 m NE of home" in label
+    assert tab.page.evaluate(PLACED) == ["21.9 m S, 0.0 m E", "0.0 m N, 3.0 m W"]
+    assert "last known place" in tab.text("#legend")
+
+
+def test_a_team_is_on_one_map_and_each_drone_is_chosen_there(tab: Tab, serve: Serve) -> None:
+    state, home = State("demo", "", named=True), (46.0123, 7.7456, 1650.0)
+    for number, name in enumerate(("drone-1", "drone-2")):
+        events = [TakeOffPoint(1.0, *home), TransmitterChosen(2.0, 1, 9.0)]
+        state.update([DatumSet(0.0, name, *home, ()), made(3, 5.0 * number, of=(name, "receiver"))])
+        state.update([FromSearch(event.time_s, event, name) for event in events])
+    state.update([FromSearch(4.0, PlaceFound(4.0, 1, 9.0, 3.0, None, True), "drone-2")])
+    page = serve(state)
+    tab.shows("#kind", "demo")
+    assert tab.page.locator("#team-rows tr").filter(has_text="1 found").locator("th").inner_text() == "drone-2"
+    for name, choose in (("drone-2", lambda place: place.click()), ("drone-1", lambda place: place.press("Enter"))):
+        choose(tab.page.locator(f'[data-key="{name}/receiver"]'))
+        assert tab.page.locator("#receiver").input_value() == f"{name}/receiver"
+        page.observe(made(4, 9.0, of=(name, "receiver")))
 
 
 def overlap(a: list[float], b: list[float]) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
-def test_the_names_of_drones_that_are_close_hide_nothing_and_are_whole(tab: Tab) -> None:
-    page = WebPage(HostPort("127.0.0.1", 0), State("run", "field.yaml", named=True))
-    try:
-        tab.open(page.address.url)
-        line = [[f"drone-{i + 1}", 60 + 45 * i, 100] for i in range(4)]  # a name is 56 wide
-        at_the_edge = [["drone-5", 385, 30], ["drone-6", 390, 395]]
-        boxes = tab.page.evaluate(ARRANGED, [[*line, *at_the_edge], 400, 400])
-    finally:
-        page.close()
+def test_the_names_of_drones_that_are_close_hide_nothing_and_are_whole(tab: Tab, serve: Serve) -> None:
+    serve(State("run", "field.yaml", named=True))
+    line = [[f"drone-{i + 1}", 60 + 45 * i, 100] for i in range(4)]  # a name is 56 wide
+    at_the_edge = [["drone-5", 385, 30], ["drone-6", 390, 395]]
+    boxes = tab.page.evaluate(ARRANGED, [[*line, *at_the_edge], 400, 400])
     drones = [[x - 12, y - 12, x + 12, y + 12] for _, x, y in [*line, *at_the_edge]]
     assert [pair for pair in itertools.combinations(boxes, 2) if overlap(*pair)] == []
     assert [pair for pair in itertools.product(boxes, drones) if overlap(*pair)] == []
     assert [box for box in boxes if box[0] < 0 or box[1] < 0 or box[2] > 400 or box[3] > 400] == []
 
 
-def test_a_demo_of_several_drones_is_one_and_its_places_are_from_the_datum(start: Start, tab: Tab) -> None:
-    program = start("demo", "--count", 2, "--headless", "--speed", 3, *WEB)
-    tab.open(url_of(program))
-    tab.shows("#kind", "demo")
-    team = tab.page.locator("#team-rows tr")
-    found = team.filter(has_text="1 found")
-    found.wait_for()
-    tab.page.locator("#receiver").select_option(f"{found.locator('th').inner_text()}/receiver")
-    other = tab.page.locator("#receiver option:not(:checked)").first.get_attribute("value") or ""
-    mine = str(tab.page.locator("#receiver").input_value())
-    tab.page.locator(f'[data-key="{other}"]').click()
-    assert tab.page.locator("#receiver").input_value() == other
-    tab.page.locator(f'[data-key="{mine}"]').press("Enter")
-    assert tab.page.locator("#receiver").input_value() == mine
-    tab.shows("#belief", re.compile(r"place found\s*(19\.\d|20\.\d) m N, [45]\.\d m E"))
-    program.stops()
+# -- --web on the command line: what is said of the page, and what of wrong addresses --------------------------
+
+
+@pytest.fixture
+def taken() -> Iterator[int]:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        yield other.getsockname()[1]
+
+
+def replay(arva: Arva, *arguments: object) -> Any:
+    return arva("replay", LOG, "--rate", 0.1, "--out", "/dev/null", *arguments)
+
+
+def test_the_address_is_said_and_the_page_is_off_unless_it_is_asked_for(arva: Arva) -> None:
+    err = replay(arva, "--web", "127.0.0.1:0").err
+    assert re.search(r"^page: http://127\.0\.0\.1:\d+/$", err, re.MULTILINE)
+    for off in ([], ["--web", "off"]):
+        assert "page: " not in replay(arva, *off).err
+
+
+def test_the_environment_asks_for_it_too(arva: Arva, monkeypatch: pytest.MonkeyPatch, taken: int) -> None:
+    monkeypatch.setenv("ARVA_HIL_WEB", f"127.0.0.1:{taken}")
+    assert re.search(rf"^page: http://127\.0\.0\.1:\d+/ \(port {taken} is taken\)$", replay(arva).err, re.MULTILINE)
+
+
+def test_who_else_can_see_it_is_said(arva: Arva) -> None:
+    err = replay(arva, "--web", "0.0.0.0:0").err
+    assert re.search(r"^page: http://127\.0\.0\.1:\d+/$", err, re.MULTILINE)
+    assert "warning: everybody in this network can open the page; --web 127.0.0.1 offers it here only" in err
+
+
+@pytest.mark.parametrize("command", ["run", "search"])
+def test_a_command_whose_page_cannot_be_served_leaves_no_record(arva: Arva, tmp_path: Path, command: str) -> None:
+    """So that the same one with another address is not told that there is a record already."""
+    where = {"run": "--port", "search": "--receiver"}[command]
+    links = ("--autopilot", f"pty:{tmp_path / 'fc'}", where, "pty")
+    err = arva.refused(command, *links, "--record", tmp_path / "record", "--web", "192.0.2.1:80")
+    assert "the page cannot be served" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_demo_has_it_by_itself_and_says_how_to_see_it_again(arva: Arva, tmp_path: Path) -> None:
+    fly = ("demo", "--speed", "max", "--limit", 1, "--record")  # it does not find anything in a second
+    err = arva(*fly, tmp_path / "a", code=1).err
+    assert re.search(r"^page: http://127\.0\.0\.1:\d+/", err, re.MULTILINE)
+    assert f"to see it again: arva-hil view {tmp_path / 'a'}" in err
+    for word, folder in (("--headless", "b"), ("--web=off", "c")):
+        assert "page" not in arva(*fly, tmp_path / folder, word, code=1).err

@@ -64,8 +64,9 @@ def status(time_s: float, vehicle: str = "") -> StatusReport:
 
 def test_ready_then_the_watchdog_twice_an_interval_then_stopping(manager: Manager) -> None:
     diary = Diary(manager)
-    watchdog = Watchdog({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": USEC, "WATCHDOG_PID": str(os.getpid())})
-    with closing(watchdog):
+    with closing(
+        Watchdog({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": USEC, "WATCHDOG_PID": str(os.getpid())})
+    ) as watchdog:
         run([watchdog, diary], StepClock(100.0), until=122.0)
     times, messages = zip(*diary.heard, strict=True)
     assert messages == ("READY=1", *["WATCHDOG=1"] * 4)
@@ -104,8 +105,7 @@ def test_a_loop_that_is_held_up_says_nothing(manager: Manager) -> None:
     [{}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": USEC, "WATCHDOG_PID": "1"}],
 )
 def test_no_watchdog_waits_or_it_waits_for_another(manager: Manager, environment: dict[str, str]) -> None:
-    watchdog = Watchdog({"NOTIFY_SOCKET": manager.name, **environment})
-    with closing(watchdog):
+    with closing(Watchdog({"NOTIFY_SOCKET": manager.name, **environment})) as watchdog:
         run([watchdog], StepClock(), until=100.0)
     assert manager.heard() == ["READY=1", "STOPPING=1"]
 
@@ -113,8 +113,7 @@ def test_no_watchdog_waits_or_it_waits_for_another(manager: Manager, environment
 @pytest.mark.parametrize("name", [None, "", "vsock:2:1", "relative/path"])
 def test_without_a_socket_nothing_happens(name: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(socket, "socket", lambda *_: pytest.fail("a socket was made"))
-    watchdog = Watchdog({"WATCHDOG_USEC": USEC} | ({} if name is None else {"NOTIFY_SOCKET": name}))
-    with closing(watchdog):
+    with closing(Watchdog({"WATCHDOG_USEC": USEC} | ({} if name is None else {"NOTIFY_SOCKET": name}))) as watchdog:
         run([watchdog], StepClock(), until=100.0)
         watchdog.observe(status(0.0))
 
@@ -144,8 +143,7 @@ def test_a_socket_that_goes_does_not_stop_the_run_and_one_that_comes_is_told(tmp
 
 def test_one_that_does_not_read_holds_nothing_up(manager: Manager) -> None:
     clock = StepClock()
-    watchdog = Watchdog({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": "200000"})
-    with closing(watchdog):
+    with closing(Watchdog({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": "200000"})) as watchdog:
         run([watchdog], clock, until=200.0)  # 2000 datagrams, more than any queue takes
         heard = manager.heard()
         assert heard[0] == "READY=1"
@@ -159,15 +157,13 @@ def test_no_socket_can_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
         raise OSError
 
     monkeypatch.setattr(socket, "socket", refuse)
-    watchdog = Watchdog({"NOTIFY_SOCKET": "/run/notify", "WATCHDOG_USEC": USEC})
-    with closing(watchdog):
+    with closing(Watchdog({"NOTIFY_SOCKET": "/run/notify", "WATCHDOG_USEC": USEC})) as watchdog:
         run([watchdog], StepClock(), until=100.0)
         watchdog.observe(status(0.0))
 
 
 def test_the_status_is_one_line_now_and_then(manager: Manager) -> None:
-    watchdog = Watchdog({"NOTIFY_SOCKET": manager.name})
-    with closing(watchdog):
+    with closing(Watchdog({"NOTIFY_SOCKET": manager.name})) as watchdog:
         for n in range(41):
             watchdog.observe(status(n / 4, "px4 1/1"))
     lines = manager.heard()[:-1]
@@ -176,8 +172,7 @@ def test_the_status_is_one_line_now_and_then(manager: Manager) -> None:
 
 def test_the_status_of_many_vehicles_is_cut_to_what_is_read(manager: Manager) -> None:
     of_one = status(0.0, "größer").vehicles[0]
-    watchdog = Watchdog({"NOTIFY_SOCKET": manager.name})
-    with closing(watchdog):
+    with closing(Watchdog({"NOTIFY_SOCKET": manager.name})) as watchdog:
         watchdog.observe(StatusReport(0.0, [of_one] * 250))
     line = manager.heard()[0]
     assert line.startswith("STATUS=vehicle/receiver: no frame yet | 5 sent")

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import DEFAULT, Fault, Scenario, Transmitter
+from arva_hil.events import BytesSent, FrameMade, HeartbeatMissing, ReceiverRestarted
+from arva_hil.model.field import LocalFrame
 from arva_hil.records.comparing import Comparison, compared, emulated_again, paired_frames
-from arva_hil.records.reading import load
+from arva_hil.records.reading import RecordingError, load
+from arva_hil.records.received import RECEIVER, KeptBytes, ReceivedFrames, ReceiverLog, Surveyed, surveyed_scenario
+from firmware_proto import Channel, Decoder, Frame, encode
 from tests.rehearsed import rehearse
-from tools.real.rehearsal import Waypoint
+from tools.real.rehearsal import EPOCH_US, HOME, Waypoint
 
-from .test_received import QUIET
-
+QUIET = replace(DEFAULT, receiver=replace(DEFAULT.receiver, noise=replace(DEFAULT.receiver.noise, kind="off")))
 FLIGHT = [
     Waypoint(0, -15, 0, -4, 0),
     Waypoint(20, 25, 0, -4, 0),
@@ -34,7 +40,6 @@ def with_scenario(folder: Path, scenario: Scenario) -> Comparison:
 
 def test_the_emulator_reads_the_same_where_nothing_differs(tmp_path: Path) -> None:
     one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT), QUIET)
-    assert one.all is not None
     assert (one.both, one.frames) == (60, 61)  # the autopilot sends nothing before the first
     assert one.all.d_bias_m == pytest.approx(0, abs=0.02)
     assert one.all.d_scatter_m < 0.05
@@ -56,7 +61,6 @@ def test_the_delay_of_a_scenario_is_the_lag_of_the_receiver(tmp_path: Path) -> N
     late = replace(QUIET, faults=(Fault("delay_s", 0.6),))  # the first frame was made before the record
     one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT, latency_s=0.6), late)
     assert one.lag_s == pytest.approx(0, abs=0.06)
-    assert one.all is not None
     assert one.all.d_scatter_m < 0.05
 
 
@@ -74,10 +78,8 @@ def test_frames_that_a_fault_withholds_or_damages_are_lost_and_a_dead_antenna_is
     one = with_scenario(folder, replace(QUIET, faults=(Fault("drop", 0.3), Fault("corrupt", 0.2))))
     assert 10 < one.second_lost < 45
     assert one.both < 45
-    assert one.all is not None
     assert one.all.d_scatter_m < 0.05
     deaf = with_scenario(folder, replace(QUIET, faults=(Fault("antenna_x", 0.3),)))
-    assert deaf.all is not None
     assert deaf.all.ratio < 0.97
 
 
@@ -85,7 +87,6 @@ def test_another_display_law_is_a_ratio_and_a_mount_a_bias_of_the_angle(tmp_path
     mount = replace(QUIET.receiver.mount, attitude=(0.0, 0.0, 12.0))
     real = replace(QUIET, receiver=replace(QUIET.receiver, kappa_eq=1.542 * 1.1**3, mount=mount))
     one = with_scenario(rehearse(tmp_path / "r", real, FLIGHT), QUIET)
-    assert one.all is not None
     assert one.all.ratio == pytest.approx(1.1, abs=0.01)
     assert one.all.delta_bias_deg == pytest.approx(-12, abs=1)
     assert {spread.label for spread in one.groups["zone"]} == {"mid"}
@@ -110,14 +111,12 @@ def test_a_transmitter_that_the_scenario_has_not_is_said(tmp_path: Path) -> None
 def test_frames_without_ids_are_those_of_the_nearest(tmp_path: Path) -> None:
     one = with_scenario(rehearse(tmp_path / "r", replace(QUIET, output_format="text"), FLIGHT), QUIET)
     assert one.id is None
-    assert one.all is not None
     assert one.all.d_scatter_m < 0.05
 
 
 def test_a_receiver_of_pulses_is_compared_with_one_of_pulses(tmp_path: Path) -> None:
     pulsed = replace(QUIET, receiver=replace(QUIET.receiver, model="pulsed", options=None))
     one = with_scenario(rehearse(tmp_path / "r", pulsed, FLIGHT), pulsed)
-    assert one.all is not None
     assert one.all.d_scatter_m < 0.2
     assert one.first_only + one.second_only <= 3
 
@@ -131,7 +130,6 @@ def test_two_records_of_one_flight_are_paired_by_the_autopilots_clock(tmp_path: 
     assert pairs.how == "time"
     assert pairs.offset_s == pytest.approx(420, abs=0.01)
     (result,) = compared(one.receivers[0], two.receivers[0], pairs)
-    assert result.all is not None
     assert 0 < result.all.d_scatter_m < 1
     assert abs(result.all.d_bias_m) < 0.3
 
@@ -143,6 +141,106 @@ def test_two_flights_are_paired_by_their_places(tmp_path: Path) -> None:
     assert pairs.how == "place"
     (result,) = compared(one.receivers[0], two.receivers[0], pairs)
     assert result.both > 30
-    assert result.all is not None
     assert result.all.d_scatter_m < 1
     assert result.lag_s is None
+
+
+# -- the record of a real receiver: the emulator stands in for it, and the record has what came ----------------
+
+
+POINTS = [Waypoint(0, -10, 0, -3, 0), Waypoint(10, -10, 0, -3, 0), Waypoint(30, 20, 0, -3, 60)]
+PLACE = Surveyed(1, *(float(value) for value in LocalFrame(*HOME).lla([20.0, 5.0, 0.0])))
+
+
+def log_of() -> ReceiverLog:
+    frames = ReceivedFrames(Decoder(), numbered=True)
+    return ReceiverLog(surveyed_scenario([]), Session(passive=True), frames, start=0.0, timeout_s=5.0)
+
+
+def test_a_record_has_each_frame_with_its_pose_and_the_range_of_a_surveyed_place(tmp_path: Path) -> None:
+    record = load(rehearse(tmp_path / "r", QUIET, POINTS, surveyed=[PLACE]))
+    assert record.notes == ()
+    assert record.run.is_real
+    (receiver,) = record.receivers
+    assert len(receiver) == 31
+    d_m, _, zone, range_m = receiver.of_transmitter(1)
+    there = zone > 0
+    assert there.sum() >= 28
+    from_pose = np.linalg.norm(receiver.position - [20.0, 5.0, 0.0], axis=1)
+    assert range_m[there] == pytest.approx(from_pose[there], abs=0.02)
+    assert 0.9 < np.median(d_m[there] / range_m[there]) < 1.16
+
+
+def test_without_a_surveyed_place_there_is_no_true_range_and_no_scenario(tmp_path: Path) -> None:
+    record = load(rehearse(tmp_path / "r", QUIET, POINTS))
+    assert record.notes == ()
+    assert record.run.scenario is None
+    assert json.loads((tmp_path / "r" / "run.json").read_text())["source"] == "receiver"
+    assert np.isnan(record.receivers[0].true_range_m).all()
+    assert np.isfinite(record.receivers[0].position[2:]).all()
+
+
+def test_the_bytes_are_kept_with_their_times_so_that_they_can_be_decoded_again(tmp_path: Path) -> None:
+    noise = [(12.0, b"$OTHER,1,2*00\r\n"), (14.5, b"more")]
+    folder = rehearse(tmp_path / "r", QUIET, POINTS, more=noise)
+    chunks = [one for one in KeptBytes.of(folder) if one.link == RECEIVER]
+    assert b"".join(one.data for one in chunks) == (folder / "frames.bin").read_bytes()
+    assert [(one.time_us - EPOCH_US) / 1e6 for one in chunks if one.data == b"more"] == [pytest.approx(14.5, abs=0.06)]
+    times = [one.time_us for one in KeptBytes.of(folder)]
+    assert all(a <= b for a, b in pairwise(times))
+
+
+def test_a_record_whose_bytes_have_no_times_is_refused(tmp_path: Path) -> None:
+    folder = rehearse(tmp_path / "r", QUIET, POINTS)
+    (folder / "chunks.csv").unlink()
+    with pytest.raises(RecordingError, match=r"there is no chunks.csv in it"):
+        list(KeptBytes.of(folder))
+
+
+def test_a_cut_file_of_bytes_gives_what_is_before_the_cut(tmp_path: Path) -> None:
+    folder = rehearse(tmp_path / "r", QUIET, POINTS)
+    data = (folder / "frames.bin").read_bytes()
+    (folder / "frames.bin").write_bytes(data[:-5])
+    kept = b"".join(one.data for one in KeptBytes.of(folder) if one.link == RECEIVER)
+    assert kept == data[:-33]
+
+
+def test_a_receiver_that_restarts_is_said_and_counted() -> None:
+    log = log_of()
+    for number in [*range(100, 140), 0, 1, 2]:
+        log.receive(RECEIVER, encode(Frame(number, 1, (Channel(),))), 0.1 * number)
+    log.advance(20.0, final=True)
+    restarts = [event for event in log.events() if isinstance(event, ReceiverRestarted)]
+    assert [(one.before, one.after) for one in restarts] == [(139, 0)]
+    assert log.counts()["restarts"] == 1
+    assert log.counts()["lost"] == 0
+
+
+def test_frames_without_poses_are_kept_and_counted() -> None:
+    log = log_of()
+    log.receive(RECEIVER, encode(Frame(0, 1, (Channel(1, 1, 500, 3),))), 1.0)
+    log.advance(6.0)
+    events = log.events()
+    (made,) = [event for event in events if isinstance(event, FrameMade)]
+    assert made.pose is None
+    assert made.reading.channels[0].d_cm == 500
+    assert made.reading.channels[0].true_range_m is None
+    assert log.counts()["no_pose"] == 1
+    assert log.missing
+    assert any(isinstance(event, HeartbeatMissing) for event in events)
+    assert sum(len(event.data) for event in events if isinstance(event, BytesSent)) == 15
+
+
+def test_the_status_of_a_frame_is_kept() -> None:
+    log = log_of()
+    log.receive(RECEIVER, encode(Frame(0, 0b111110, (Channel(),))), 1.0)
+    log.advance(3.0, final=True)
+    (made,) = [event for event in log.events() if isinstance(event, FrameMade)]
+    reading = made.reading
+    assert (reading.interference, reading.more_heard, reading.failed, reading.overlapping) == (True,) * 4
+    assert not reading.searching
+
+
+def test_two_surveyed_places_of_one_id_are_refused() -> None:
+    with pytest.raises(ValueError, match="id"):
+        surveyed_scenario([PLACE, PLACE])

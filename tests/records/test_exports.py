@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import os
 import re
+import subprocess
 import tracemalloc
+from collections.abc import Callable, Iterator
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,13 +23,19 @@ import numpy as np
 import pytest
 from fastkml.validator import validate
 from lxml import etree
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
 
-from arva_hil.config import DEFAULT
+from arva_hil.config import DEFAULT, parse
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.pictures.style import look_of
 from arva_hil.records.reading import Recording, load
 from arva_hil.registry import EXPORTS
+from tests.files import rows as table
+from tests.files import written
 from tests.made_records import HOME, SILENT, frames, write, write_search
+from tests.records.ros_messages.oracle import plain
 
 COUNT = 20
 EVIL = "</name><script>\x1b[31m=1+1&\u202e"
@@ -40,7 +50,6 @@ def exported(name: str, recording: Recording) -> bytes:
 def where(n: int) -> list[float]:
     """Latitude, longitude, altitude of a frame of `write`."""
     pose = frames(DEFAULT, COUNT)[n].pose
-    assert pose is not None
     return [float(value) for value in LocalFrame(*HOME).lla(pose.position)]
 
 
@@ -51,8 +60,7 @@ def placemarks(data: bytes) -> dict[str, Any]:
 
 def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(tmp_path: Path) -> None:
     data = exported("kml", load(write(tmp_path / "flight", COUNT)))
-    path = tmp_path / "flight.kml"
-    path.write_bytes(data)
+    path = written(tmp_path / "flight.kml", data)
     assert validate(file_to_validate=path)
     marks = placemarks(data)
     track = marks["receiver"].kml_geometry
@@ -72,7 +80,6 @@ def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(t
     assert len(marks["search"].kml_geometry.track_items) == COUNT
     colour = look_of(1)[0]
     style = re.search(r'<Style id="transmitter1"><IconStyle><color>ff(..)(..)(..)</color>', data.decode())
-    assert style is not None
     assert f"#{style[3]}{style[2]}{style[1]}" == colour
     assert b"<styleUrl>#transmitter1</styleUrl>" in data
     assert b"href" not in data  # a viewer loads nothing
@@ -178,8 +185,7 @@ def test_geojson_is_valid_and_has_each_reading_as_a_point(tmp_path: Path, monkey
 def test_csv_has_every_reading_once_with_what_the_search_did_then(tmp_path: Path) -> None:
     folder = write(tmp_path / "flight", COUNT)
     rows = list(csv.DictReader(io.StringIO(exported("csv", load(folder)).decode())))
-    with (folder / "readings.csv").open(newline="") as file:
-        readings = list(csv.DictReader(file))
+    readings = table(folder / "readings.csv")
     assert len(rows) == len(readings) == 4 * COUNT
     for row, reading in zip(rows, readings, strict=True):
         for name, value in reading.items():
@@ -269,3 +275,136 @@ def test_a_long_track_is_several_lines_end_to_end(tmp_path: Path, monkeypatch: p
     lines = [f["geometry"]["coordinates"] for f in document["features"] if f["properties"]["kind"] == "track"]
     assert [len(line) for line in lines] == [11, 11, 2]
     assert lines[0][-1] == lines[1][0]
+
+
+# -- a record as MCAP, read back by two libraries that others wrote, and by ROS 2's own where there is one -----
+
+
+PYTHON = os.environ.get("ARVA_ROS2_PYTHON", "")
+Read = Callable[[Path], Iterator[tuple[str, int, Any]]]
+
+
+def by_mcap(path: Path) -> Iterator[tuple[str, int, Any]]:
+    """(topic, nanoseconds, message) by the readers of MCAP's own authors."""
+    with path.open("rb") as file:
+        for _, channel, message, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            yield channel.topic, message.log_time, slots(decoded)
+
+
+def by_rosbags(path: Path) -> Iterator[tuple[str, int, Any]]:
+    """The same by rosbags."""
+    with AnyReader([path]) as bag:
+        for connection, stamp_ns, data in bag.messages():
+            yield connection.topic, stamp_ns, plain(bag.deserialize(data, connection.msgtype))
+
+
+def slots(message: Any) -> Any:
+    """A message of mcap_ros2 as numbers, texts, lists and dictionaries."""
+    if hasattr(message, "__slots__"):
+        return {name: slots(getattr(message, name)) for name in message.__slots__}
+    return [slots(one) for one in message] if isinstance(message, list | tuple) else plain(message)
+
+
+READERS = pytest.mark.parametrize("read", [by_mcap, by_rosbags], ids=["mcap", "rosbags"])
+
+
+def mcap_of(folder: Path) -> Path:
+    path = folder.with_suffix(".mcap")
+    with path.open("wb") as out:
+        EXPORTS["mcap"](load(folder), out)
+    return path
+
+
+def expected(folder: Path) -> list[tuple[int, list[tuple[float, ...]], tuple[float, ...] | None]]:
+    """Each frame of the tables: milliseconds since 1970, its slots, and its place ENU."""
+    rows: dict[str, list[dict[str, str]]] = {}
+    for row in table(folder / "readings.csv"):
+        rows.setdefault(row["time_s"], []).append(row)
+    frames = []
+    for frame in table(folder / "frames.csv"):
+        of_frame = rows[frame["time_s"]]
+        heard = [(int(r["id"] or -1), float(r["d_cm"]), int(r["delta_deg"]), int(r["zone"])) for r in of_frame]
+        first = of_frame[0]
+        place = None
+        if first["north_m"]:
+            place = (float(first["east_m"]), float(first["north_m"]), -float(first["down_m"]))
+        frames.append((round(datetime.fromisoformat(frame["utc"]).timestamp() * 1e3), heard, place))
+    return frames
+
+
+@READERS
+def test_every_reading_is_there_once_with_the_values_of_the_tables(read: Read, tmp_path: Path) -> None:
+    folder = write(tmp_path / "run", 40)
+    every = list(read(mcap_of(folder)))
+    readings = [(stamp, message) for topic, stamp, message in every if topic == "/arva"]
+    frames = expected(folder)
+    assert len(readings) == len(frames) == 40
+    for (stamp, message), (utc_ms, heard, _) in zip(readings, frames, strict=True):
+        assert stamp / 1e6 == pytest.approx(utc_ms, abs=1)
+        assert message["header"]["stamp"]["sec"] * 10**9 + message["header"]["stamp"]["nanosec"] == stamp
+        told = [(s["id"], s["distance"], s["delta"], s["zone"]) for s in message["arva_signals"]]
+        assert told == heard
+    poses = [message["pose"]["position"] for topic, _, message in every if topic == "/arva/pose"]
+    assert [(p["x"], p["y"], p["z"]) for p in poses] == [place for _, _, place in frames if place]
+
+
+@READERS
+def test_the_place_found_is_there(read: Read, tmp_path: Path) -> None:
+    every = {topic: message for topic, _, message in read(mcap_of(write(tmp_path / "run")))}
+    found = json.loads((tmp_path / "run" / "search.json").read_text())["found"]
+    assert (every["/search/found"]["latitude"], every["/search/found"]["longitude"]) == pytest.approx(
+        found["lat_lon"], abs=1e-9
+    )
+
+
+def test_the_settings_of_the_run_are_attached(tmp_path: Path) -> None:
+    folder = write(tmp_path / "run", 5)
+    with mcap_of(folder).open("rb") as file:
+        attached = {one.name: one.data for one in make_reader(file).iter_attachments()}
+    for name in ("run.json", "search.json"):
+        assert json.loads(attached[name]) == json.loads((folder / name).read_text())
+    assert parse(attached["scenario.yaml"].decode(), "x").transmitters == DEFAULT.transmitters
+
+
+@READERS
+def test_a_run_without_a_frame_is_an_empty_file_that_can_be_read(read: Read, tmp_path: Path) -> None:
+    assert list(read(mcap_of(write(tmp_path / "run", 0, search=False)))) == []
+
+
+def test_one_reading_and_a_search_alone(tmp_path: Path) -> None:
+    assert [topic for topic, _, _ in by_mcap(mcap_of(write(tmp_path / "one", 1, search=False)))].count("/arva") == 1
+    (tmp_path / "search").mkdir()
+    topics = {topic for topic, _, _ in by_mcap(mcap_of(write_search(tmp_path / "search")))}
+    assert "/search/arva" in topics
+
+
+def test_it_says_that_it_is_of_ros_2_and_which_schemas_it_has(tmp_path: Path) -> None:
+    with mcap_of(write(tmp_path / "run", 5)).open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+    assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+    assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
+
+
+def test_the_same_record_gives_the_same_bytes(tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "run"))
+    twice = [io.BytesIO(), io.BytesIO()]
+    for out in twice:
+        EXPORTS["mcap"](recording, out)
+    assert twice[0].getvalue() == twice[1].getvalue()
+
+
+@pytest.mark.skipif(not PYTHON, reason="ARVA_ROS2_PYTHON names no Python with rclpy and arva_msgs")
+def test_ros_2_itself_reads_every_message(tmp_path: Path) -> None:
+    folder = write(tmp_path / "run")
+    path = mcap_of(folder)
+    script = Path(__file__).with_name("ros_messages") / "deserialize.py"
+    ended = subprocess.run([PYTHON, script, path], capture_output=True, text=True, check=True, timeout=100)
+    told = json.loads(ended.stdout)
+    frames = expected(folder)
+    assert [[tuple(slot) for slot in reading] for reading in told["readings"]] == [heard for _, heard, _ in frames]
+    assert told["left_out"] in ([], ["tf2_msgs"])  # which PyPI's build of ROS 2 has not
+    assert sum(told["counts"].values()) >= len(list(by_mcap(path))) * (0.8 if told["left_out"] else 1)

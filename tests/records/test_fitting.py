@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from arva_hil.config import Scenario, Transmitter, parse
+from arva_hil.config import DEFAULT, Scenario, Transmitter, VehicleNoiseOptions, parse
 from arva_hil.config.profiles import parse_profile
+from arva_hil.config.receiver import Noise, ReceiverOptions
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.fitting import FitError, ReceiverFit, flight_of
 from arva_hil.records.fitting.fit import fit
+from arva_hil.records.fitting.noise_levels import noise_levels, noise_profile
 from arva_hil.records.fitting.profile import profile, scenario
 from arva_hil.records.fitting.scatter import Gps
-from arva_hil.records.reading import load
+from arva_hil.records.reading import Recording, load
 from arva_hil.records.received import Surveyed
 from tests.once import once
+from tests.said import says
 from tools.real.profiles import drawn
 from tools.real.rehearsal import HOME, Waypoint, mission, rehearse
 
@@ -76,8 +80,7 @@ def test_without_an_error_of_gps_each_parameter_is_found_closely(
 
 def test_what_the_flight_cannot_tell_is_named_with_the_next_pass(of_exact: ReceiverFit) -> None:
     names = [one.name for one in of_exact.unidentified]
-    assert "mount z" in names
-    assert "sensitivity z" in names
+    says(names, "mount z", "sensitivity z")
     assert of_exact.estimates["mount z"].like == "transmitter 1 down"
     assert any("does not determine mount z, not from transmitter 1 down" in one for one in of_exact.advice)
 
@@ -86,9 +89,7 @@ def test_the_profile_and_the_scenario_can_be_read(
     exact: tuple[Path, Scenario, dict[str, float]], of_exact: ReceiverFit, tmp_path: Path
 ) -> None:
     text = profile(of_exact, ["2027-01-01T00:00:00.000Z"])
-    assert "# record r, 2027-01-01" in text
-    assert "residuals of" in text
-    assert "not determined by the flight" in text
+    says(text, "# record r, 2027-01-01", "residuals of", "not determined by the flight")
     parse_profile(text, "receiver", "p.yaml")
     (tmp_path / "p.yaml").write_text(text)
     (tmp_path / "s.yaml").write_text(scenario(of_exact, "p.yaml"))
@@ -184,3 +185,40 @@ def test_what_a_record_lacks_is_said(tmp_path: Path) -> None:
         flight_of(load(rehearse(tmp_path / "far", far, hover)))
     with pytest.raises(FitError, match="no fit for the model 'morse'"):
         fit([], "morse", GPS)
+
+
+# -- noise over the load of the motors, from a record on the ground: the levels are those that were rehearsed --
+
+
+LEVELS = ((0.0, 0.0), (0.5, 5.0), (1.0, 10.0))
+
+
+def record(
+    folder: Path, throttle: Callable[[float], float] | None, steps: str = "cm", seconds: float = 240
+) -> Recording:
+    """Return the record of a vehicle that stands 20 m from the transmitter."""
+    pulsed = {"start_s": 0.0, "steps": steps, "noise_na_m": 1.0}
+    noise = VehicleNoiseOptions(levels=LEVELS)
+    receiver = ReceiverOptions(model="pulsed", options=pulsed, vehicle_noise=noise, noise=Noise("gaussian"))
+    stands = [Waypoint(0, 0, 5, 0, 0), Waypoint(seconds, 0, 5, 0, 0)]
+    scenario = replace(DEFAULT, receiver=receiver)
+    return load(rehearse(folder / "r", scenario, stands, wind=0.0, throttle=throttle))
+
+
+def test_the_levels_are_those_of_the_vehicle(tmp_path: Path) -> None:
+    ground = record(tmp_path, lambda t: 0.0 if t < 120 else 0.5)
+    (off, quiet), (on, loud) = noise_levels(ground)
+    assert (off, quiet) == (pytest.approx(0, abs=0.02), 0)
+    assert on == pytest.approx(0.5, abs=0.03)
+    assert loud == pytest.approx(5.0, rel=0.3)
+    text = noise_profile(ground, [(off, quiet), (on, loud)])
+    parse_profile(text, "receiver", "noise.yaml")
+
+
+def test_what_is_missing_is_said(tmp_path: Path) -> None:
+    with pytest.raises(FitError, match="the autopilot has sent no load of its motors"):
+        noise_levels(record(tmp_path / "a", None, seconds=60))
+    with pytest.raises(FitError, match="had 1 loads with 20 readings or more, two are needed"):
+        noise_levels(record(tmp_path / "b", lambda t: 0.5, seconds=60))
+    with pytest.raises(FitError, match="its steps hide the noise\\. Put the transmitter farther away"):
+        noise_levels(record(tmp_path / "c", lambda t: 0.0 if t < 60 else 0.5, "digits", seconds=120))

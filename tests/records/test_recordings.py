@@ -11,13 +11,18 @@ import pytest
 
 from arva_hil.config import DEFAULT, parse
 from arva_hil.events.searches import PlaceFound, TransmitterHeard
+from arva_hil.links.tlog import tlog_record
+from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import LocalFrame
-from arva_hil.records.reading import RecordingError, load
+from arva_hil.records.reading import Recording, RecordingError, load
 from arva_hil.records.reading import folder as folder_reader
 from arva_hil.records.reading.folder import read_receiver
+from arva_hil.records.reading.streams import streams
 from arva_hil.records.writing.search_log import SearchLog
 from arva_hil.search.mission.outcome import SearchStep
-from tests.made_records import HOME, SILENT, frames, pose_at, write, write_search
+from tests.every import every
+from tests.files import written
+from tests.made_records import EPOCH_US, HOME, SILENT, frames, pose_at, write, write_search
 
 
 def edited(path: Path, old: str, new: str, count: int = 1) -> Path:
@@ -27,51 +32,60 @@ def edited(path: Path, old: str, new: str, count: int = 1) -> Path:
     return path
 
 
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The record of a flight of 30 frames and its search."""
+    return write(tmp_path / "flight", 30)
+
+
+@pytest.fixture
+def read(folder: Path) -> Recording:
+    return load(folder)
+
+
 # -- what is there ------------------------------------------------------------------------------------------
 
 
-def test_every_reading_is_read_back_to_the_last_digit(tmp_path: Path) -> None:
-    (read,) = load(write(tmp_path / "flight", 30)).receivers
+def test_every_reading_is_read_back_to_the_last_digit(read: Recording) -> None:
+    (receiver,) = read.receivers
     every = frames(DEFAULT, 30)
-    assert len(read) == 30
-    assert read.begins.tolist() == list(range(0, 121, 4))
-    assert read.sequence.tolist() == list(range(30))
-    assert read.time_s.tolist() == [made.instant_s for made in every]
-    assert read.late_ms.tolist() == [made.late_s * 1e3 for made in every]
+    assert len(receiver) == 30
+    assert receiver.begins.tolist() == list(range(0, 121, 4))
+    assert receiver.sequence.tolist() == list(range(30))
+    assert receiver.time_s.tolist() == [made.instant_s for made in every]
+    assert receiver.late_ms.tolist() == [made.late_s * 1e3 for made in every]
     for n, made in enumerate(every):
-        rows = read.rows(n)
-        assert read.d_cm[rows].tolist() == [c.d_cm for c in made.reading.channels]
-        assert read.delta_deg[rows].tolist() == [c.delta_deg for c in made.reading.channels]
-        assert read.zone[rows].tolist() == [int(c.zone) for c in made.reading.channels]
-        assert read.id[rows].tolist() == [-1 if c.id is None else c.id for c in made.reading.channels]
+        rows = receiver.rows(n)
+        assert receiver.d_cm[rows].tolist() == [c.d_cm for c in made.reading.channels]
+        assert receiver.delta_deg[rows].tolist() == [c.delta_deg for c in made.reading.channels]
+        assert receiver.zone[rows].tolist() == [int(c.zone) for c in made.reading.channels]
+        assert receiver.id[rows].tolist() == [-1 if c.id is None else c.id for c in made.reading.channels]
         ranges = [np.nan if c.true_range_m is None else c.true_range_m for c in made.reading.channels]
-        np.testing.assert_array_equal(read.true_range_m[rows], ranges)
+        np.testing.assert_array_equal(receiver.true_range_m[rows], ranges)
         if n >= SILENT:
-            assert read.position[n].tolist() == pose_at(made.instant_s).position.tolist()
-            assert read.attitude_deg[n].tolist() == pytest.approx([np.degrees(0.01), np.degrees(-0.02), 30])
-            assert read.reported[n].tolist() == read.position[n].tolist()
-    assert np.isnan(read.position[:SILENT]).all()
-    assert np.isnan(read.boot_ms[:SILENT]).all()
-    assert read.with_fault("stuck").tolist() == [n % 7 == 6 for n in range(30)]
-    assert read.faults == ("stuck", "drop")
+            assert receiver.position[n].tolist() == pose_at(made.instant_s).position.tolist()
+            assert receiver.attitude_deg[n].tolist() == pytest.approx([np.degrees(0.01), np.degrees(-0.02), 30])
+            assert receiver.reported[n].tolist() == receiver.position[n].tolist()
+    assert np.isnan(receiver.position[:SILENT]).all()
+    assert np.isnan(receiver.boot_ms[:SILENT]).all()
+    assert receiver.with_fault("stuck").tolist() == [n % 7 == 6 for n in range(30)]
+    assert receiver.faults == ("stuck", "drop")
 
 
-def test_what_was_read_of_one_transmitter(tmp_path: Path) -> None:
-    (read,) = load(write(tmp_path / "flight", 30)).receivers
-    assert read.ids == (1,)
-    d_m, delta, zone, range_m = read.of_transmitter(1)
+def test_what_was_read_of_one_transmitter(read: Recording) -> None:
+    (receiver,) = read.receivers
+    assert receiver.ids == (1,)
+    d_m, delta, zone, range_m = receiver.of_transmitter(1)
     assert np.isnan(d_m[:SILENT]).all()
     assert (zone[:SILENT] == 0).all()
     assert np.abs(d_m[SILENT:] - range_m[SILENT:]).max() < 0.6 * range_m[SILENT:].max()
     assert np.isnan(delta[zone != 1]).all()
     assert np.isfinite(delta[zone == 1]).all()
-    nothing = read.of_transmitter(7)
+    nothing = receiver.of_transmitter(7)
     assert np.isnan(nothing[0]).all()
 
 
-def test_a_record_says_what_was_run_where_and_when(tmp_path: Path) -> None:
-    read = load(write(tmp_path / "flight", 30))
-    assert read.run is not None
+def test_a_record_says_what_was_run_where_and_when(read: Recording) -> None:
     assert read.run.scenario == DEFAULT
     assert (read.run.ended, read.run.seed) == ("finished", 1)
     assert read.start_utc_s == 1_798_761_602.0
@@ -79,17 +93,14 @@ def test_a_record_says_what_was_run_where_and_when(tmp_path: Path) -> None:
     assert read.notes == ()
     (receiver,) = read.receivers
     lla = read.lla(receiver.vehicle, receiver.time_s, receiver.position)
-    assert lla is not None
     assert np.isnan(lla[:SILENT]).all()
     back = LocalFrame(*HOME).ned(*lla[SILENT:].T)
     np.testing.assert_allclose(back, receiver.position[SILENT:], atol=1e-6)
     there = read.transmitters("")
-    assert there is not None
     assert there.at(0.0).positions.tolist() == [[20.0, 5.0, 0.0]]
 
 
-def test_events_are_on_the_clock_of_the_frames_and_the_status_is_apart(tmp_path: Path) -> None:
-    read = load(write(tmp_path / "flight", 30))
+def test_events_are_on_the_clock_of_the_frames_and_the_status_is_apart(read: Recording) -> None:
     assert [(event["event"], event["time_s"]) for event in read.events] == [
         ("datum_set", 0.0),
         ("first_frame", 0.0),
@@ -102,27 +113,19 @@ def test_events_are_on_the_clock_of_the_frames_and_the_status_is_apart(tmp_path:
     assert read.status[0]["vehicles"][0]["rates"] == {"ATTITUDE": 50.0, "GLOBAL_POSITION_INT": 49.5}
 
 
-def test_a_search_beside_it_is_on_the_same_clock_and_lies_where_it_took_off(tmp_path: Path) -> None:
-    read = load(write(tmp_path / "flight", 30))
+def test_a_search_beside_it_is_on_the_same_clock_and_lies_where_it_took_off(read: Recording) -> None:
     search = read.search
-    assert search is not None
     assert search.start_s == 1.0
     assert (search.how, search.target) == ("found", 1)
     assert search.flying.sum() == 20
     assert np.isfinite(search.d_cm).sum() == 6
-    assert search.found is not None
     place = read.of_search([search.found.north, search.found.east, 0.0])
-    assert place is not None
     assert place.tolist() == pytest.approx([20.5, 5.25, 0.0], abs=1e-4)
 
 
-def test_the_ellipse_holds_95_percent_of_the_errors(tmp_path: Path) -> None:
-    search = load(write(tmp_path / "flight", 30)).search
-    assert search is not None
-    assert search.found is not None
-    ellipse = search.found.ellipse()
-    assert ellipse is not None
-    major, minor, bearing = ellipse
+def test_the_ellipse_holds_95_percent_of_the_errors(read: Recording) -> None:
+    search = read.search
+    major, minor, bearing = search.found.ellipse()
     errors = np.random.default_rng(1).multivariate_normal([0, 0], [[0.16, 0.03], [0.03, 0.04]], 20_000)
     along = errors @ [np.cos(bearing), np.sin(bearing)]
     across = errors @ [-np.sin(bearing), np.cos(bearing)]
@@ -155,8 +158,7 @@ def test_the_events_of_a_search_alone_are_in_its_log_on_the_clock_of_its_steps(t
     assert read.events[0]["notice"]["text"].startswith("received transmitter 3")
 
 
-def test_the_events_of_a_search_beside_a_run_are_on_the_clock_of_the_run(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 30)
+def test_the_events_of_a_search_beside_a_run_are_on_the_clock_of_the_run(folder: Path) -> None:
     (folder / "search.jsonl").write_text('{"event": "place_found", "time_s": 10.0}\n')
     assert [event["time_s"] for event in load(folder).events if event["event"] == "place_found"] == [11.0]
 
@@ -178,19 +180,15 @@ def test_several_receivers_each_have_their_own(tmp_path: Path) -> None:
 
 def test_a_run_that_was_killed_has_what_was_written_and_its_datum_by_the_events(tmp_path: Path) -> None:
     read = load(write(tmp_path / "flight", 30, ended=False))
-    assert read.run is not None
     assert read.run.ended == ""
     assert len(read.receivers[0]) == 30
     datum = read.datum_at("", 10.0)
-    assert datum is not None
     assert (datum.lat, datum.lon, datum.alt) == HOME
-    assert read.search is not None
     assert read.search.found is None
     assert read.notes == (f"{read.folder}/run.json: the run continues, or was killed: there are no counters",)
 
 
-def test_a_line_that_is_cut_is_left_out_with_its_frame_and_said_once(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 30)
+def test_a_line_that_is_cut_is_left_out_with_its_frame_and_said_once(folder: Path) -> None:
     for name in ("readings.csv", "search.csv", "events.jsonl"):
         data = (folder / name).read_bytes()
         (folder / name).write_bytes(data[:-9])
@@ -204,26 +202,24 @@ def test_a_line_that_is_cut_is_left_out_with_its_frame_and_said_once(tmp_path: P
     ]
 
 
-def test_a_frame_has_the_slots_that_it_had(tmp_path: Path) -> None:
+def test_a_frame_has_the_slots_that_it_had(folder: Path) -> None:
     """A command may change their number."""
-    folder = write(tmp_path / "flight", 5)
     lines = (folder / "readings.csv").read_text().splitlines(keepends=True)
     (folder / "readings.csv").write_text("".join(lines[:14] + lines[17:]))
     (read,) = load(folder).receivers
-    assert read.begins.tolist() == [0, 4, 8, 12, 13, 17]
+    assert read.begins.tolist()[:6] == [0, 4, 8, 12, 13, 17]
     assert read.id[read.rows(3)].tolist() == [1]
-    assert read.nearest_zone.tolist() == [0, 0, 0, 1, 1]
+    assert read.nearest_zone.tolist()[:5] == [0, 0, 0, 1, 1]
     assert read.d_cm[read.rows(4)].tolist() == [c.d_cm for c in frames(DEFAULT, 5)[4].reading.channels]
 
 
-def test_a_slot_that_is_blank_for_the_moment_hears_nothing(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 5)
+def test_a_slot_that_is_blank_for_the_moment_hears_nothing(folder: Path) -> None:
     lines = (folder / "readings.csv").read_text().splitlines(keepends=True)
     cells = lines[13].split(",")
     cells[12:15] = ["0", "-1", "-1"]
     (folder / "readings.csv").write_text("".join([*lines[:13], ",".join(cells), *lines[14:]]))
     (read,) = load(folder).receivers
-    assert np.isnan(read.of_transmitter(1)[0]).tolist() == [True, True, True, True, False]
+    assert np.isnan(read.of_transmitter(1)[0]).tolist()[:5] == [True, True, True, True, False]
 
 
 @pytest.mark.parametrize("count", [0, 1])
@@ -235,14 +231,12 @@ def test_a_run_with_no_frame_or_one_is_a_record(tmp_path: Path, count: int) -> N
     assert read.span_s == (0.0, 0.0)
 
 
-def test_an_empty_file_and_one_of_the_header_alone_have_no_readings(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 0, search=False)
+def test_an_empty_file_has_no_readings(folder: Path) -> None:
     (folder / "readings.csv").write_text("")
     assert len(load(folder).receivers[0]) == 0
 
 
-def test_a_pose_of_nan_and_infinity_is_no_pose(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 6)
+def test_a_pose_of_nan_and_infinity_is_no_pose(folder: Path) -> None:
     first = pose_at(3.0).position.tolist()
     edited(folder / "readings.csv", f",{first[0]!r},{first[1]!r},", ",nan,inf,")
     (read,) = load(folder).receivers
@@ -250,8 +244,7 @@ def test_a_pose_of_nan_and_infinity_is_no_pose(tmp_path: Path) -> None:
     assert np.isnan(load(folder).lla("", read.time_s, read.position)[3]).all()  # type: ignore[index]
 
 
-def test_a_record_of_an_older_program_has_no_lateness_and_no_events(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 6)
+def test_a_record_of_an_older_program_has_no_lateness_and_no_events(folder: Path) -> None:
     (folder / "events.jsonl").unlink()
     edited(folder / "run.json", '"record": 1,', "")
     rows = [line.rsplit(",", 5)[0] for line in (folder / "readings.csv").read_text().splitlines()]
@@ -268,14 +261,12 @@ def test_a_flight_of_a_clock_that_was_stepped_has_the_time_of_the_computer(tmp_p
     assert read.start_utc_s == 1_798_761_600.0
 
 
-def test_a_scenario_that_this_program_cannot_read_costs_only_what_needs_it(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 6)
+def test_a_scenario_that_this_program_cannot_read_costs_only_what_needs_it(folder: Path) -> None:
     edited(folder / "run.json", '"kappa_eq"', '"kappa_of_tomorrow"')
     read = load(folder)
-    assert read.run is not None
     assert read.run.scenario is None
     assert read.transmitters("") is None
-    assert len(read.receivers[0]) == 6
+    assert len(read.receivers[0]) == 30
     assert "the scenario cannot be read: " in read.notes[0]
     assert "kappa_of_tomorrow" in read.notes[0]
 
@@ -288,6 +279,11 @@ def test_of_too_many_rows_the_first_are_used_in_whole_frames(tmp_path: Path, mon
 
 
 # -- what is wrong ------------------------------------------------------------------------------------------
+
+
+ODD = ("1" * 5000, '"\\ud800"')  # values that no program writes
+LONG = "a number of 5000 digits, expected 4300 at most"
+HALF = "half of a surrogate pair, expected a whole character"
 
 
 def refused(folder: Path) -> str:
@@ -306,91 +302,77 @@ def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
     assert refused(tmp_path / "flight.tlog") == f": is not a folder{missing}"
 
 
-@pytest.mark.parametrize("version", ["2", '"next"'])
-def test_a_record_of_a_newer_version_is_refused_by_its_version(tmp_path: Path, version: str) -> None:
-    folder = write(tmp_path / "flight", 3)
-    edited(folder / "run.json", '"record": 1', f'"record": {version}')
-    shown = version.replace('"', "'")
-    assert refused(folder) == (
-        f"/run.json: record: {shown} is newer than this program, which reads up to 1: update arva-hil"
-    )
+NEWER = "is newer than this program, which reads up to 1: update arva-hil"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
+@every(
+    "name, old, new, said",
     [
         (
+            "readings.csv",
             "seq,time_s",
             "number,time_s",
             "/readings.csv:1: no column seq: this is no table of a record, or an older one",
         ),
-        ("\n0,0.0,", "\n0,soon,", "/readings.csv:2: 'soon', expected a number"),
-        ("\n0,0.0,", "\nx,0.0,", "/readings.csv:2: 'x', expected a number"),
-        (",1,,0,-1,-1,", ",1,,0,-1.5,-1,", "/readings.csv:2: '-1.5', expected a number"),
-        (",1,,0,-1,-1,", ",1,,0,-1,70000,", "/readings.csv:2: 70000 is out of range"),
-        (",2,,0,-1,-1,", ",3,,0,-1,-1,", "/readings.csv:3: slot 3, expected 1 or 2"),
-        ("\n0,0.0,", "\n0,", "/readings.csv:2: 20 cells, expected 21"),
+        ("readings.csv", "\n0,0.0,", "\n0,soon,", "/readings.csv:2: 'soon', expected a number"),
+        ("readings.csv", "\n0,0.0,", "\nx,0.0,", "/readings.csv:2: 'x', expected a number"),
+        ("readings.csv", ",1,,0,-1,-1,", ",1,,0,-1.5,-1,", "/readings.csv:2: '-1.5', expected a number"),
+        ("readings.csv", ",1,,0,-1,-1,", ",1,,0,-1,70000,", "/readings.csv:2: 70000 is out of range"),
+        ("readings.csv", ",2,,0,-1,-1,", ",3,,0,-1,-1,", "/readings.csv:3: slot 3, expected 1 or 2"),
+        ("readings.csv", "\n0,0.0,", "\n0,", "/readings.csv:2: 20 cells, expected 21"),
+        ("readings.csv", "\n0,0.0,", "\n0,\x1b[31m,", "/readings.csv:2: '\\x1b[31m', expected a number"),
+        ("search.csv", "climbing,0.2,", "climbing,far,", "/search.csv:3: 'far', expected a number"),
+        ("run.json", '"record": 1', '"record": 2', f"/run.json: record: 2 {NEWER}"),
+        ("run.json", '"record": 1', '"record": "next"', f"/run.json: record: 'next' {NEWER}"),
+        ("events.jsonl", '{"event"', 'nothing\n{"event"', "/events.jsonl:1: is no JSON object: Expecting value"),
+        ("events.jsonl", '{"event"', '{"event": "x"}\n{"event"', "/events.jsonl:1: expected an object with a time_s"),
+        *[
+            ("events.jsonl", '{"event"', f'{{"a": {value}, "event"', "/events.jsonl:1: is no JSON object: ")
+            for value in ODD
+        ],
     ],
 )
-def test_a_wrong_cell_is_named_with_file_and_line(tmp_path: Path, old: str, new: str, said: str) -> None:
-    folder = write(tmp_path / "flight", 5)
-    edited(folder / "readings.csv", old, new)
-    assert refused(folder) == said
+def test_what_is_wrong_is_named_with_file_and_line(folder: Path, name: str, old: str, new: str, said: str) -> None:
+    before = (folder / name).read_text()
+    edited(folder / name, old, new)
+    assert refused(folder).startswith(said)
+    (folder / name).write_text(before)
 
 
 @pytest.mark.parametrize("name", ["run.json", "search.json"])
-def test_a_json_file_that_is_none_is_named_with_its_line(tmp_path: Path, name: str) -> None:
-    folder = write(tmp_path / "flight", 3)
-    (folder / name).write_text('{\n  "seed": 1,,\n}\n')
-    assert refused(folder).startswith(f"/{name}:2:13: is not valid JSON: ")
-    (folder / name).write_text("[]")
-    assert refused(folder) == f"/{name}:1: expected a JSON object, found list"
-
-
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [("nothing", "is no JSON object: Expecting value"), ('{"event": "x"}', "expected an object with a time_s")],
-)
-def test_a_wrong_event_is_named_with_its_line(tmp_path: Path, line: str, said: str) -> None:
-    folder = write(tmp_path / "flight", 3)
-    path = folder / "events.jsonl"
-    path.write_text(f'{{"event": "x", "time_s": 1}}\n{line}\n{{"event": "x", "time_s": 1}}\n')
-    assert refused(folder) == f"/events.jsonl:2: {said}"
+def test_a_json_file_that_is_none_is_named_with_its_line(folder: Path, name: str) -> None:
+    before = (folder / name).read_text().lstrip()
+    for text, said in {
+        '{\n  "seed": 1,,\n}\n': ":2:13: is not valid JSON: ",
+        "[]": ":1: expected a JSON object, found list",
+        f'{{"another": {ODD[0]}, {before[1:]}': f":1:13: is not valid JSON: {LONG}",
+        f'{{"another": {ODD[1]}, {before[1:]}': f":1:14: is not valid JSON: {HALF}",
+    }.items():
+        (folder / name).write_text(text)
+        assert refused(folder).startswith(f"/{name}{said}")
 
 
 @pytest.mark.parametrize(("most", "notes"), [(3, 0), (2, 1)])
 def test_of_too_many_events_the_first_are_used_and_a_note_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, notes: int
 ) -> None:
-    path = write(tmp_path / "flight", 3, search=False) / "events.jsonl"
-    path.write_text("".join(f'{{"event": "e{n}", "time_s": {n}}}\n' for n in range(3)))
+    path = written(
+        write(tmp_path / "flight", 3, search=False) / "events.jsonl",
+        "".join(f'{{"event": "e{n}", "time_s": {n}}}\n' for n in range(3)),
+    )
     monkeypatch.setattr(folder_reader, "_MOST_EVENTS", most)
     read = load(path.parent)
     assert [event["event"] for event in read.events] == ["e0", "e1", "e2"][:most]
     assert list(read.notes) == [f"{path}: only the first {most} events are used"] * notes
 
 
-def test_a_wrong_step_of_a_search_is_named_with_its_line(tmp_path: Path) -> None:
-    write_search(tmp_path)
-    edited(tmp_path / "search.csv", "climbing,0.2,", "climbing,far,")
-    assert refused(tmp_path) == "/search.csv:3: 'far', expected a number"
-
-
-def test_a_file_that_never_ends_is_not_waited_for_and_a_line_without_end_not_kept(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 3)
-    path = folder / "readings.csv"
-    path.write_bytes(b"x" * 200_000)
+def test_a_file_that_never_ends_is_not_waited_for_and_a_line_without_end_not_kept(folder: Path) -> None:
+    path = written(folder / "readings.csv", b"x" * 200_000)
     assert refused(folder).startswith("/readings.csv:1: a line longer than 65536 bytes")
     path.unlink()
     assert refused(folder) == "/readings.csv: cannot be read: No such file or directory"
     os.mkfifo(path)
     assert refused(folder) == "/readings.csv: is not a regular file"
-
-
-def test_text_from_outside_cannot_change_a_terminal(tmp_path: Path) -> None:
-    folder = write(tmp_path / "flight", 3)
-    edited(folder / "readings.csv", "\n0,0.0,", "\n0,\x1b[31m,")
-    assert refused(folder) == "/readings.csv:2: '\\x1b[31m', expected a number"
 
 
 # -- how much -----------------------------------------------------------------------------------------------
@@ -402,30 +384,35 @@ def test_a_reading_takes_less_than_a_hundred_bytes(tmp_path: Path) -> None:
     read, notes = read_receiver(tmp_path / "readings.csv")
     assert notes == []
     assert len(read) == 5000
-    held = {id(a.base if a.base is not None else a): a for a in vars(read).values() if isinstance(a, np.ndarray)}
     each = sum(a.nbytes for a in vars(read).values() if isinstance(a, np.ndarray)) / 20_000
-    assert held
-    assert each < 100
-    assert json.dumps(each)
+    assert 10 < each < 100
 
 
-@pytest.mark.parametrize("name", ["run.json", "search.json"])
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        ("1" * 5000, ":1:13: is not valid JSON: a number of 5000 digits, expected 4300 at most"),
-        ('"\\ud800"', ":1:14: is not valid JSON: half of a surrogate pair, expected a whole character"),
-    ],
-)
-def test_a_value_that_no_program_writes_is_named_by_its_place(tmp_path: Path, name: str, value: str, said: str) -> None:
-    folder = write(tmp_path / "flight", 3)
-    text = (folder / name).read_text().lstrip()
-    (folder / name).write_text(f'{{"another": {value}, ' + text.lstrip("{"))
-    assert refused(folder) == f"/{name}{said}"
+# -- the rates of a vehicle's messages: those of its own packets in the log of the link ------------------------
 
 
-@pytest.mark.parametrize("value", ["1" * 5000, '"\\ud800"'])
-def test_such_a_value_in_the_events_is_named_by_its_line(tmp_path: Path, value: str) -> None:
-    folder = write(tmp_path / "flight", 3)
-    edited(folder / "events.jsonl", '{"event"', f'{{"another": {value}, "event"')
-    assert refused(folder).startswith("/events.jsonl:1: is no JSON object: ")
+ATTITUDE = dialect.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0)
+
+
+def recorded(folder: Path, *strangers: tuple[int, int]) -> Path:
+    """A record of vehicle 1/1 whose log has the same message once from every system and component."""
+    senders = [Encoder(*ids) for ids in ((1, 1), *strangers)]
+    log = (tlog_record(EPOCH_US + 2_500_000, sender.pack(ATTITUDE)) for sender in senders)
+    (write(folder, 3, search=False) / "autopilot.tlog").write_bytes(b"".join(log))
+    return folder
+
+
+@pytest.mark.parametrize("stranger", [(1, 0), (1, 2), (0, 1), (2, 1), (2, 2)])
+def test_packets_of_another_vehicle_or_component_are_not_counted(tmp_path: Path, stranger: tuple[int, int]) -> None:
+    (stream,) = streams(load(recorded(tmp_path / "flight", stranger)))
+    assert stream.hz.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("missing", ["system", "component"])
+def test_all_packets_are_counted_if_the_record_does_not_say_whose_they_are(tmp_path: Path, missing: str) -> None:
+    folder = recorded(tmp_path / "flight", (1, 0), (2, 1))
+    run = json.loads((folder / "run.json").read_text())
+    del run["vehicle"][missing]
+    (folder / "run.json").write_text(json.dumps(run))
+    (stream,) = streams(load(folder))
+    assert stream.hz.tolist() == [3.0]

@@ -18,6 +18,7 @@ from arva_hil.records.report import page as module
 from arva_hil.records.report.facts import errors_m, facts, found_of, merged
 from arva_hil.records.report.page import page
 from tests.made_records import SILENT, frames, write, write_search
+from tests.said import says
 
 COUNT = 20
 SVG = b'<svg xmlns="http://www.w3.org/2000/svg"/>'
@@ -112,8 +113,11 @@ def test_a_page_is_whole_and_asks_for_nothing(tmp_path: Path) -> None:
 
 def test_what_happened_is_told_in_the_words_of_the_console(tmp_path: Path) -> None:
     said = words(page([load(write(tmp_path / "flight", COUNT))]))
-    assert "datum: 46.0123000, 7.7456000, 1650.00 m AMSL" in said
-    assert "20.0 s warning no pose: frames have no signal until there is one (the newest is 2.5 s old)" in said
+    says(
+        said,
+        "datum: 46.0123000, 7.7456000, 1650.00 m AMSL",
+        "20.0 s warning no pose: frames have no signal until there is one (the newest is 2.5 s old)",
+    )
 
 
 def test_two_runs_are_side_by_side_and_what_differs_is_marked(tmp_path: Path) -> None:

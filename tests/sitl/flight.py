@@ -54,19 +54,21 @@ def fly(autopilot: Maker, binary: Path, folder: Path, transmitter: str, seed: in
         emulator = Program(
             *("run", "--scenario", scenario, "--record", record, "--timeout", 60),
             *("--autopilot", flown.telemetry, "--port", f"pty:{port}", *_ITS_OWN),
+            speed=1.0,
         )
         programs.append(emulator)
         emulator.says("frames to")
         search = Program(
             *("search", "--json", "--timeout", 90, "--arm-timeout", 120, "--record", record, *options),
             *("--autopilot", flown.commands, "--receiver", port, *_ITS_OWN),
+            speed=1.0,
         )
         programs.append(search)
         begun, ended = _wait(search, _BEGINS, flown), _wait(search, _ENDS, flown)
-        search.ends(_PATIENCE_S)
+        search.ends(0, 1, 3, 130, within_s=_PATIENCE_S)
         outcome = json.loads(search.out)
         emulator.process.terminate()
-        assert emulator.ends() == 130, emulator.err
+        emulator.ends(130)
     finally:
         for program in programs:
             program.close()

@@ -22,7 +22,7 @@ BLUE, RED, GREEN, PINK, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 GREY: Final = "#5b6876"
 PALE: Final = "#c9d0d8"
 PALETTE: Final = (BLUE, RED, GREEN, PINK, ORANGE, SKY, "#7a5195", GREY)
-# of transmitters on white; tests/records/test_looks.py has the differences for colour-blind eyes
+# of transmitters on white; tests/records/test_pictures.py has the differences for colour-blind eyes
 LOOKS: Final = ("#193fb2", "#c68156", "#329990", "#6b2347", "#5b551e", "#9c70ea")
 SHAPES: Final = ("o", "s", "^", "D", "v", "p", "h")
 MOST_POINTS: Final = 4000  # of a curve; more of them are no better to see

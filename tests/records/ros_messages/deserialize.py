@@ -17,7 +17,6 @@ def main(path: str) -> None:
     readings = []
     with open(path, "rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
-            assert schema is not None
             package, _, name = schema.name.partition("/msg/")
             try:
                 kind = getattr(importlib.import_module(f"{package}.msg"), name)

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from arva_hil.config import DEFAULT, Follows, Lla, Scenario, Transmitter, load
 from arva_hil.emulator.receivers import frame_of
-from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
-from arva_hil.model.field import rotation
+from arva_hil.events import DatumSet, Event, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
+from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
+from arva_hil.records.reading import load as load_record
+from arva_hil.records.ros_messages import geometry
+from arva_hil.records.ros_messages.live import LiveMessages
 from arva_hil.records.ros_messages.readings import RunMessages
-from arva_hil.records.ros_messages.types import Publication, encode, names_of
+from arva_hil.records.ros_messages.recorded import messages_of
+from arva_hil.records.ros_messages.types import Point, Publication, Quaternion, Vector3, encode, names_of
+from firmware_proto import INNER, MID, Channel, Frame
+from tests import made_records
+from tests.files import rows as table
 
 from .oracle import read
 
@@ -200,3 +212,227 @@ def test_each_of_several_vehicles_has_its_map_and_they_lie_together() -> None:
 def test_names_that_ros_does_not_allow_are_changed_and_stay_different() -> None:
     every = names_of([("7-up", "a-b"), ("7-up", "a.b"), ("7_up", "a_b")]).values()
     assert [names.arva for names in every] == ["/_7_up/a_b/arva", "/_7_up/a_b_2/arva", "/_7_up_2/a_b/arva"]
+
+
+# -- north, east, down and forward, right, down become ROS's frames: east, north, up and forward, left, up -----
+
+
+NED_TO_ENU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+FLU_TO_FRD = np.diag([1, -1, -1])
+ANGLES = st.floats(-math.pi, math.pi)
+
+
+def matrix(q: Quaternion) -> np.ndarray:
+    return rotation.to_matrix([q.w, q.x, q.y, q.z])
+
+
+def test_places_and_vectors() -> None:
+    assert geometry.point([20.0, 5.0, -3.0]) == Point(5.0, 20.0, 3.0)
+    assert geometry.body_vector([1.0, 2.0, 3.0]) == Vector3(1.0, -2.0, -3.0)
+
+
+@pytest.mark.parametrize(("heading", "yaw"), [(0, 90), (90, 0), (180, -90), (-90, 180), (30, 60)])
+def test_a_level_vehicle_heading_north_has_the_yaw_90_of_ros(heading: float, yaw: float) -> None:
+    turned = matrix(geometry.orientation(rotation.to_matrix(rotation.from_euler(0, 0, math.radians(heading)))))
+    forward = [math.cos(math.radians(yaw)), math.sin(math.radians(yaw)), 0]
+    assert turned @ [1, 0, 0] == pytest.approx(forward, abs=1e-12)
+    assert turned @ [0, 0, 1] == pytest.approx([0, 0, 1], abs=1e-12)  # up is up
+
+
+@given(ANGLES, st.floats(-math.pi / 2, math.pi / 2), ANGLES)
+def test_an_orientation_turns_every_vector_as_before(roll: float, pitch: float, yaw: float) -> None:
+    frd_to_ned = rotation.to_matrix(rotation.from_euler(roll, pitch, yaw))
+    flu_to_enu = matrix(geometry.orientation(frd_to_ned))
+    assert flu_to_enu == pytest.approx(NED_TO_ENU @ frd_to_ned @ FLU_TO_FRD, abs=1e-9)
+
+
+def test_the_map_of_one_vehicle_lies_in_that_of_another_as_their_datums_do() -> None:
+    world, own = LocalFrame(46.0, 7.0, 1650.0), LocalFrame(46.01, 7.02, 1700.0)
+    there = geometry.between(world, own)
+    place = [12.0, -7.0, -30.0]  # in the other's NED
+    north, east, down = world.ned(*own.lla(place)).tolist()
+    at = there.translation
+    shown = matrix(there.rotation) @ (NED_TO_ENU @ place) + [at.x, at.y, at.z]
+    assert shown == pytest.approx([east, north, -down], abs=1e-6)
+
+
+# -- the messages of a search say what it hears and believes, ENU from the take-off point ----------------------
+
+
+FRAME = Frame(7, 1, (Channel(4, MID, 2000, 10), Channel(None, MID, 2500, -40), Channel(9, INNER, 80, 0), Channel()))
+HEARD = FrameHeard(2.0, FRAME, (3.0, -4.0, -5.0), 90.0)
+FOUND = PlaceFound(9.0, 4, 20.0, 5.0, (0.04, 0.0, 0.01), True)
+
+
+def told(*events: Event) -> dict[str, Any]:
+    """What the last event's messages say."""
+    messages = LiveMessages(None, EPOCH_US, searches=True)
+    for event in events[:-1]:
+        messages.of_event(event)
+    return by_topic(messages.of_event(events[-1]))
+
+
+def test_each_channel_is_told_as_it_was_read() -> None:
+    slots = told(HEARD)["/search/arva"]["arva_signals"]
+    assert [(s["id"], s["distance"], s["delta"], s["zone"]) for s in slots] == [
+        (4, 2000.0, 10, 1),
+        (-2, 2500.0, -40, 1),  # the frames have no ids
+        (9, 80.0, 0, 2),
+        (-1, -1.0, -1, 0),
+    ]
+    ten = math.radians(10)
+    assert slots[0]["direction"] == {"x": math.cos(ten), "y": -math.sin(ten), "z": 0}  # to the right is −y
+    assert [s["direction"]["x"] for s in slots[2:]] == [0, 0]  # in the inner zone δ says nothing
+
+
+def test_the_receivers_place_is_told_from_the_take_off_point_and_on_earth() -> None:
+    said = told(TakeOffPoint(0.0, *HOME), HEARD)
+    assert said["/search/pose"]["header"]["frame_id"] == "takeoff"
+    assert said["/search/pose"]["pose"]["position"] == {"x": -4, "y": 3, "z": 5}
+    assert abs(said["/search/pose"]["pose"]["orientation"]["w"]) == pytest.approx(1.0)  # heading east
+    assert said["/search/fix"]["altitude"] == pytest.approx(1655.0, abs=1e-3)
+    assert [t["child_frame_id"] for t in said["/tf"]["transforms"]] == ["search_receiver"]
+
+
+def test_without_a_place_only_the_reading_is_told() -> None:
+    assert list(told(FrameHeard(2.0, FRAME, None, None))) == ["/search/arva"]
+
+
+def test_beside_an_emulator_the_take_off_point_lies_in_its_map() -> None:
+    messages = LiveMessages(DEFAULT, EPOCH_US, searches=True)
+    messages.of_event(DatumSet(0.0, "vehicle", *HOME, ()))
+    messages.of_event(FromSearch(1.0, TakeOffPoint(1.0, 46.001, 7.0, 1650.0)))
+    said = by_topic(messages.of_event(FromSearch(2.0, HEARD)))
+    (there,) = [t for t in said["/tf"]["transforms"] if t["child_frame_id"] == "takeoff"]
+    assert there["header"]["frame_id"] == "map"
+    assert there["transform"]["translation"]["y"] == pytest.approx(111.2, abs=0.1)
+
+    found = by_topic(messages.of_event(FromSearch(9.0, FOUND)))["/search/visualization"]["markers"][0]
+    assert (found["ns"], found["pose"]["position"]) == ("found", {"x": 5, "y": 20, "z": 0})
+
+
+def test_hypotheses_their_ellipse_and_the_goal_are_drawn_and_those_that_are_dropped_go() -> None:
+    many = BeliefChanged(2.0, 4, [(20.0, 5.0, 0.75), (-20.0, -5.0, 0.25)], (9.0, 0.0, 1.0), (10.0, 0.0))
+    shapes = told(many)["/search/visualization"]["markers"]
+    assert [(s["ns"], s["id"], s["action"]) for s in shapes] == [
+        ("hypotheses", 0, 0),
+        ("hypotheses", 1, 0),
+        ("95 %", 0, 0),
+        ("goal", 0, 0),
+    ]
+    assert shapes[0]["pose"]["position"] == {"x": 5, "y": 20, "z": 0}
+    assert shapes[2]["pose"]["position"] == {"x": 2.5, "y": 10, "z": 0}  # the average
+    one = BeliefChanged(3.0, 4, [(20.0, 5.0, 1.0)], None, None)
+    shapes = told(many, one)["/search/visualization"]["markers"]
+    assert [(s["ns"], s["id"], s["action"]) for s in shapes] == [("hypotheses", 0, 0), ("hypotheses", 1, 2)]
+
+
+@pytest.mark.parametrize("bearing_deg", [0, 30, 90, 150])
+def test_the_ellipse_has_the_long_axis_of_the_covariance_and_95_percent(bearing_deg: float) -> None:
+    along = np.array([math.cos(math.radians(bearing_deg)), math.sin(math.radians(bearing_deg))])  # north, east
+    matrix = 9.0 * np.outer(along, along) + 1.0 * (np.eye(2) - np.outer(along, along))
+    covariance = (float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1]))
+    belief = BeliefChanged(2.0, 4, [(0.0, 0.0, 1.0)], covariance, None)
+    ellipse = told(belief)["/search/visualization"]["markers"][1]
+    assert (ellipse["scale"]["x"], ellipse["scale"]["y"]) == pytest.approx((2 * 3 * 2.4477, 2 * 1 * 2.4477), rel=1e-4)
+    q = ellipse["pose"]["orientation"]
+    yaw = 2 * math.atan2(q["z"], q["w"])
+    assert abs(math.cos(yaw) * along[1] + math.sin(yaw) * along[0]) == pytest.approx(1.0)
+
+
+def test_the_place_found_is_told_on_earth_with_its_covariance_and_again_for_those_who_come_late() -> None:
+    messages = LiveMessages(None, EPOCH_US, searches=True)
+    messages.of_event(TakeOffPoint(0.0, *HOME))
+    said = by_topic(messages.of_event(FOUND))
+    assert said["/search/found"]["latitude"] == pytest.approx(46.0 + 20 / 111_145, abs=2e-7)
+    assert said["/search/found"]["position_covariance"][:5] == [0.01, 0, 0, 0, 0.04]  # east first
+    assert said["/search/visualization"]["markers"][0]["pose"]["position"] == {"x": 5, "y": 20, "z": 0}
+    times = [n / 10 for n in range(91, 120)]
+    later = [by_topic(messages.of_event(FrameHeard(t, FRAME, None, None))) for t in times]
+    assert [t for t, one in zip(times, later, strict=True) if "/search/found" in one] == [10.0, 11.0]
+
+
+def test_a_strategy_that_knows_no_covariance_has_no_ellipse() -> None:
+    said = told(TakeOffPoint(0.0, *HOME), PlaceFound(9.0, 4, 20.0, 5.0, None, True))
+    assert [s["ns"] for s in said["/search/visualization"]["markers"]] == ["found"]
+    assert said["/search/found"]["position_covariance_type"] == 0
+
+
+# -- a record gives the messages that its run published --------------------------------------------------------
+
+
+def numbers(value: Any) -> Any:
+    """A message without its times, for pytest.approx: all its numbers and texts, in their order."""
+    if isinstance(value, dict):
+        return [one for name, part in value.items() if name != "stamp" for one in numbers(part)]
+    if isinstance(value, list):
+        return [one for part in value for one in numbers(part)]
+    return [value]
+
+
+def of(topic: str, publications: list[Publication]) -> list[Publication]:
+    return [publication for publication in publications if publication.topic == topic]
+
+
+def test_the_messages_are_those_of_the_live_run(tmp_path: Path) -> None:
+    live = RunMessages(DEFAULT, made_records.EPOCH_US)
+    live.of_event(DatumSet(made_records.START_S, "vehicle", *made_records.HOME, ()))
+    published = [p for made in made_records.frames(DEFAULT, 30) for p in live.of_event(made)]
+    replayed = list(messages_of(load_record(made_records.write(tmp_path / "run"))))
+    for topic in ("/arva", "/arva/pose", "/arva/fix", "/arva/visualization"):
+        before, after = of(topic, published), of(topic, replayed)
+        assert len(before) == len(after) > 20
+        for one, other in zip(before, after, strict=True):
+            assert other.stamp_ns == pytest.approx(one.stamp_ns, abs=1_000_000)  # the table has milliseconds
+            said, expected = numbers(list(by_topic([other]).values())), numbers(list(by_topic([one]).values()))
+            assert [v for v in said if isinstance(v, str)] == [v for v in expected if isinstance(v, str)]
+            floats = [[v for v in every if not isinstance(v, str)] for every in (said, expected)]
+            assert floats[0] == pytest.approx(floats[1], rel=1e-9, abs=1e-9)
+
+
+def test_the_messages_come_in_the_order_of_their_times_whatever_they_are_of(tmp_path: Path) -> None:
+    every = list(messages_of(load_record(made_records.write(tmp_path / "run"))))
+    stamps = [publication.stamp_ns for publication in every]
+    assert stamps == sorted(stamps)
+    assert {p.topic for p in every} >= {"/arva", "/diagnostics", "/search/arva", "/search/pose", "/search/found"}
+
+
+def test_several_receivers_have_their_topics(tmp_path: Path) -> None:
+    scenario = load("configs/two_vehicles.yaml")
+    names = [("alpha", "front"), ("alpha", "rear"), ("bravo", "only")]
+    every = list(
+        messages_of(load_record(made_records.write(tmp_path / "run", 9, scenario, receivers=names, search=False)))
+    )
+    for vehicle, receiver in names:
+        readings = of(f"/{vehicle}/{receiver}/arva", every)
+        assert len(readings) == 9
+
+
+def test_what_the_vehicle_reported_is_there_where_it_differs(tmp_path: Path) -> None:
+    folder = made_records.write(tmp_path / "run", search=False)
+    path = folder / "readings.csv"
+    rows = table(path)
+    for row in rows:
+        if row["reported_north_m"]:
+            row["reported_north_m"] = repr(float(row["north_m"]) + 1.0)
+    with path.open("w") as file:
+        out = csv.DictWriter(file, rows[0])
+        out.writeheader()
+        out.writerows(rows)
+    every = list(messages_of(load_record(folder)))
+    poses, reported = of("/arva/pose", every), of("/arva/reported_pose", every)
+    assert len(poses) == len(reported) == 27
+    for true, other in zip(poses, reported, strict=True):
+        (at,), (there,) = by_topic([true]).values(), by_topic([other]).values()
+        assert there["pose"]["position"]["y"] == pytest.approx(at["pose"]["position"]["y"] + 1.0)
+
+
+def test_a_run_without_a_frame_and_one_that_was_killed_and_a_search_alone_have_what_there_is(tmp_path: Path) -> None:
+    assert of("/arva", list(messages_of(load_record(made_records.write(tmp_path / "none", 0, search=False))))) == []
+    killed = made_records.write(tmp_path / "killed", 1, ended=False)
+    assert len(of("/arva", list(messages_of(load_record(killed))))) == 1
+    (tmp_path / "search").mkdir()
+    alone = list(messages_of(load_record(made_records.write_search(tmp_path / "search"))))
+    assert {p.topic for p in alone} == {"/tf", "/search/arva", "/search/pose", "/search/fix", "/search/found"} | {
+        "/search/visualization"
+    }

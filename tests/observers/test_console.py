@@ -1,22 +1,32 @@
-"""The status of a run on terminals of any width, and its colours."""
+"""The status of a run on terminals of any width, its colours, and long sentences."""
 
 from __future__ import annotations
 
+import fcntl
 import io
 import itertools
+import os
 import re
-from collections.abc import Sequence
+import struct
+import termios
+from collections.abc import Iterator, Sequence
+from typing import TextIO
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from arva_hil.cli.terminal import show_marked, tell
 from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.words import text
-from arva_hil.events.words.text import status_line, status_table
+from arva_hil.events.words.text import Notice, status_line, status_table
 from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
-from arva_hil.observers.console.printer import Printer
+from arva_hil.observers.console import Printer
 from arva_hil.records.pictures.style import LOOKS, SHAPES
+from arva_hil.safe_text import columns_of, wrapped
+from tests.records.test_pictures import SIMULATED, XYZ, lab, linear
 
 POSE = Pose(np.zeros(3), np.eye(3))
 NEAR = ChannelReading(2, Zone.INNER, 90, 0, 0.9)
@@ -171,39 +181,23 @@ def test_the_last_status_stays_above_what_is_said_at_the_end(monkeypatch: pytest
 
 # -- colours ---------------------------------------------------------------------------------------------------
 
-# What eyes without one kind of cones make of linear RGB: Machado, Oliveira, Fernandes 2009, severity 1.
-EYES = {
-    "all cones": np.eye(3),
-    "no red": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "no green": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
-    "no blue": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
-}
-LAB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
-
-def linear(colour: int) -> np.ndarray:
-    """Linear RGB of one of xterm's 6 × 6 × 6 colours."""
+def shade(colour: int) -> str:
+    """One of xterm's 6 × 6 × 6 colours as #rrggbb."""
     levels, n = (0, 95, 135, 175, 215, 255), colour - 16
-    srgb = np.array([levels[n // 36], levels[n // 6 % 6], levels[n % 6]]) / 255
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return "#" + "".join(f"{levels[step]:02x}" for step in (n // 36, n // 6 % 6, n % 6))
 
 
-def lab(rgb: np.ndarray) -> np.ndarray:
-    x = np.clip(LAB @ rgb / [0.9505, 1.0, 1.089], 0, None)
-    f = np.where(x > 0.008856, np.cbrt(x), 7.787 * x + 16 / 116)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-@pytest.mark.parametrize("eyes", EYES)
+@pytest.mark.parametrize("eyes", SIMULATED)
 def test_the_colours_differ_to_all_eyes(eyes: str) -> None:
-    seen = [lab(np.array(EYES[eyes]) @ linear(colour)) for colour in (text.GOOD, text.DOUBTFUL, text.BAD)]
+    seen = [lab(np.array(SIMULATED[eyes]) @ linear(shade(colour))) for colour in (text.GOOD, text.DOUBTFUL, text.BAD)]
     assert min(float(np.linalg.norm(a - b)) for a, b in itertools.combinations(seen, 2)) > 60
 
 
 @pytest.mark.parametrize("background", [0.0, 1.0], ids=["black", "white"])
 def test_the_colours_stand_out_from_dark_and_light_terminals(background: float) -> None:
     for colour in (text.GOOD, text.DOUBTFUL, text.BAD, *text.SIGN_COLOURS):
-        light, dark = sorted([float(LAB[1] @ linear(colour)), background], reverse=True)
+        light, dark = sorted([float(XYZ[1] @ linear(shade(colour))), background], reverse=True)
         assert (light + 0.05) / (dark + 0.05) >= 3.0  # WCAG's least contrast of what is not small text
 
 
@@ -235,3 +229,88 @@ def test_a_terminal_that_knows_nothing_gets_plain_lines(monkeypatch: pytest.Monk
     printer.say("news")
     printer.close()
     assert stream.getvalue() == "news\n"
+
+
+# -- long sentences on a terminal: rows that end between words. Elsewhere a line stays one ---------------------
+
+
+LONG = "no rangefinder sends values: the height is held above the take-off point; over a slope the height is different"
+PATH = "/tmp/a-folder-whose-name-is-longer-than-the-terminal-is-wide/search.csv"
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[TextIO, int]]:
+    """The program's end, 40 columns wide, and the other end's descriptor."""
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    master, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 40, 0, 0))
+    with open(slave, "w") as stream:
+        yield stream, master
+    os.close(master)
+
+
+def rows_on(master: int) -> list[str]:
+    """The rows on a terminal, without colours and what erases a status."""
+    text = os.read(master, 65536).decode()
+    return re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", text).replace("\r", "").splitlines()
+
+
+def test_a_notice_is_broken_between_words_and_further_rows_are_indented(terminal: tuple[TextIO, int]) -> None:
+    stream, master = terminal
+    printer = Printer(stream)
+    printer.notice(Notice("warning", LONG))
+    printer.close()
+    rows = rows_on(master)
+    assert max(map(len, rows)) <= 40
+    assert [row[:2] == "  " for row in rows] == [False, *[True] * (len(rows) - 1)]
+    assert " ".join(row.strip() for row in rows) == f"warning: {LONG}"
+
+
+def test_a_path_stays_whole(terminal: tuple[TextIO, int]) -> None:
+    stream, master = terminal
+    printer = Printer(stream)
+    printer.say(f"record: {PATH}, kept for 7 days")
+    printer.close()
+    assert rows_on(master) == ["record:", f"  {PATH},", "  kept for 7 days"]
+
+
+def test_an_error_before_anything_runs_is_broken_too(
+    terminal: tuple[TextIO, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream, master = terminal
+    monkeypatch.setattr("sys.stderr", stream)
+    tell(LONG)
+    stream.flush()
+    rows = rows_on(master)
+    assert len(rows) > 1
+    assert max(map(len, rows)) <= 40
+
+
+def test_a_finding_has_its_colour_on_its_mark_alone_and_its_rows_below_each_other(
+    terminal: tuple[TextIO, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream, master = terminal
+    monkeypatch.setattr("sys.stdout", stream)
+    show_marked("FAIL", f"  port  {LONG}", paint=lambda mark: f"\x1b[1m{mark}\x1b[0m", further=12)
+    raw = os.read(master, 65536).decode()
+    assert raw.startswith("\x1b[1mFAIL\x1b[0m  port  no rangefinder")
+    rows = raw.replace("\x1b[1m", "").replace("\x1b[0m", "").replace("\r", "").splitlines()
+    assert max(map(len, rows)) <= 40
+    assert all(row.startswith(" " * 12) for row in rows[1:])
+
+
+def test_what_is_no_terminal_gets_one_line() -> None:
+    stream = io.StringIO()
+    printer = Printer(stream)
+    printer.notice(Notice("warning", LONG))
+    printer.close()
+    assert stream.getvalue() == f"warning: {LONG}\n"
+    assert columns_of(None) is None
+
+
+@given(st.text(st.characters(codec="ascii", categories=["L", "P", "Zs"])), st.integers(1, 100))
+def test_no_word_is_lost_or_cut_and_only_a_single_word_is_too_long(line: str, columns: int) -> None:
+    rows = wrapped(line, columns).split("\n")
+    assert " ".join(rows).split() == line.split()
+    assert all(len(row) <= columns or len(row.split()) <= 1 for row in rows)
