@@ -298,6 +298,8 @@ def test_nothing_keeps_anybody_from_using_it(start: Start, tab: Tab, record: Pat
         result = axe.Axe().run(tab.page)
         assert result.violations_count == 0, result.generate_report()
         assert tab.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    tab.page.keyboard.press("r")
+    assert axe.Axe().run(tab.page).violations_count == 0  # of the receiver alone
     program.stops()
 
 

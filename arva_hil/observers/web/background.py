@@ -60,6 +60,7 @@ def map_file(path: Path) -> Source:
 
 def _warped(path: Path, origin: Origin) -> Background:
     import rasterio
+    from rasterio.enums import Resampling
     from rasterio.transform import from_bounds
     from rasterio.vrt import WarpedVRT
 
@@ -68,9 +69,10 @@ def _warped(path: Path, origin: Origin) -> Background:
     sized: dict[str, Any] = {"transform": grid, "width": _PIXELS, "height": _PIXELS}
     with rasterio.open(path) as file:
         kinds = [kind.name for kind in file.colorinterp]
+        colours = file.colormap(1) if kinds[0] == "palette" else None
+        sized["resampling"] = Resampling.nearest if colours else Resampling.bilinear
         with WarpedVRT(file, crs=here, **sized, add_alpha="alpha" not in kinds) as warped:
             bands = warped.read()
-        colours = file.colormap(1) if kinds[0] == "palette" else None
     if colours:
         rgb = np.array([colours.get(n, (0, 0, 0, 0))[:3] for n in range(256)], np.uint8)[bands[0]].transpose(2, 0, 1)
     elif bands.dtype == np.uint8:
