@@ -9,7 +9,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import StepClock
 from arva_hil.config import Scenario
 from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.ports import Counters
+from arva_hil.emulator.ports import Counters, Output
 from arva_hil.emulator.receivers import Schedule
 from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import BytesSent, Event, FrameMade, HeartbeatMissing, PacketsReceived, StatusReport
@@ -92,6 +92,18 @@ class Diary:
 
     def said(self, part: str) -> int:
         return sum(part in notice.text for notice in self.notices)
+
+
+def turn(emulator: Emulator, now: float, *diaries: Diary) -> list[Output]:
+    """Do what is due, and write all of it. Returns the outputs; the diaries note the events."""
+    emulator.advance(now)
+    outputs = emulator.output()
+    for output in outputs:
+        emulator.written(output.id, True, now)
+    events = emulator.events()
+    for diary in diaries:
+        diary.events += events
+    return outputs
 
 
 class Flown:

@@ -15,7 +15,7 @@ from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import GroundFound, GroundMissing
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from tests.one_receiver import Diary
+from tests.one_receiver import Diary, turn
 
 HOME = (46.0, 7.0, 1650.0)
 CHECK, REPORT = dialect.MAVLINK_MSG_ID_TERRAIN_CHECK, dialect.MAVLINK_MSG_ID_TERRAIN_REPORT
@@ -45,14 +45,10 @@ class Bench:
                     report = self._answer(decode(packet))
                     data = self._encoder.pack(report) if report else b""
                 self.emulator.receive("autopilot", bytes(data), self.now)
-            self.emulator.advance(self.now)
-            for output in self.emulator.output():
+            for output in turn(self.emulator, self.now, self.diary):
                 if output.link == "autopilot":
                     self.vehicle.feed(output.data, self.now)
                     self.questions += [p for p in self._asked.feed(output.data) if p.msgid == CHECK]
-                self.emulator.written(output.id, True, self.now)
-            for event in self.emulator.events():
-                self.diary.observe(event)
 
     def told(self) -> list[Any]:
         return [event for event in self.diary.events if isinstance(event, GroundFound | GroundMissing)]

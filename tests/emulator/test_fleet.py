@@ -23,7 +23,7 @@ from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Decoder
-from tests.one_receiver import Diary
+from tests.one_receiver import Diary, turn
 
 HOME = (46.0123, 7.7456, 1650.0)
 ELSEWHERE = (46.1, 7.9, 2100.0)
@@ -78,15 +78,12 @@ def spoken(seconds: float) -> Iterator[tuple[float, bytes]]:
 def sent(setups: Sequence[VehicleSetup], said: Sequence[tuple[float, bytes]]) -> tuple[dict[str, bytes], Diary]:
     """What an engine writes to each receiver's port, every output taken; and what happened."""
     emulator, diary = Emulator(setups, start=0.0, tell_packets=True), Diary()
-    audience, written = Audience([diary]), dict[str, bytes]()
+    written = dict[str, bytes]()
     for now, data in said:
         emulator.receive("link", data, now)
-        emulator.advance(now)
-        for output in emulator.output():
+        for output in turn(emulator, now, diary):
             if output.link != "link":
                 written[output.link] = written.get(output.link, b"") + output.data
-            emulator.written(output.id, True, now)
-        audience.emit(emulator.events())
     return written, diary
 
 

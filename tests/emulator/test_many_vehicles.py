@@ -19,7 +19,7 @@ from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
-from tests.one_receiver import Diary
+from tests.one_receiver import Diary, turn
 
 MANY = 32
 SCENARIO = parse("transmitters: [{id: 7, ned: [20, 5, 0]}]\nreceiver: {rate_hz: 10}", "test")
@@ -52,21 +52,14 @@ def fleet(sessions: Sequence[Session], links: Iterable[str]) -> list[VehicleSetu
     ]
 
 
-def drain(emulator: Emulator, now: float) -> None:
-    emulator.advance(now)
-    for output in emulator.output():
-        emulator.written(output.id, True, now)
-    emulator.events()
-
-
 def test_bytes_of_one_vehicle_cost_the_others_nothing() -> None:
     sessions = [Counted(target_system=n + 1) for n in range(MANY)]
     emulator = Emulator(fleet(sessions, [f"link {n}" for n in range(MANY)]), start=0.0)
-    drain(emulator, 0.0)
+    turn(emulator, 0.0)
     before = [session.polls for session in sessions]
     for step in range(1, 21):  # none of the others has anything to do before 0.1 s
         emulator.receive("link 3", heartbeat(4), step * 1e-3)
-        drain(emulator, step * 1e-3)
+        turn(emulator, step * 1e-3)
     polls = [session.polls - was for session, was in zip(sessions, before, strict=True)]
     assert polls[3] > 0
     assert sum(polls) == polls[3]
@@ -78,7 +71,7 @@ def test_on_a_shared_link_a_packet_is_given_to_its_vehicle_alone() -> None:
     emulator = Emulator(fleet(sessions, ["link"] * MANY), start=0.0)
     for n in (0, 7, 7):
         emulator.receive("link", heartbeat(n + 1), 0.0, sender=n)
-        drain(emulator, 0.0)
+        turn(emulator, 0.0)
     assert {n: session.given for n, session in enumerate(sessions) if session.given} == {0: 1, 7: 2}
     assert emulator.receive("link", heartbeat(200), 0.0, sender=99) == (None, [0, 7])
     assert all(session.given for session in sessions)  # of a stranger each has something to say
@@ -88,12 +81,9 @@ def test_all_go_on_though_only_one_is_heard() -> None:
     """Each polls its session ten times a second and makes its frames, as if it were alone."""
     sessions = [Counted(target_system=n + 1) for n in range(MANY)]
     emulator, diary = Emulator(fleet(sessions, [f"link {n}" for n in range(MANY)]), start=0.0), Diary()
-    audience, now = Audience([diary]), 0.0
+    now = 0.0
     while now < 2.0:
-        emulator.advance(now)
-        for output in emulator.output():
-            emulator.written(output.id, True, now)
-        audience.emit(emulator.events())
+        turn(emulator, now, diary)
         now = min(emulator.next_deadline(), now + 0.01)
         emulator.receive("link 0", heartbeat(1), now)
     counts = {f"v{n}": sum(made.vehicle == f"v{n}" for made in diary.frames) for n in range(MANY)}
@@ -186,11 +176,7 @@ def test_frames_of_vehicles_that_are_spread_are_due_one_after_another_each_at_it
     emulator = Emulator(fleet(sessions, "abcd"), start=10.0, spread=True)
     diary, now = Diary(), 10.0
     while now < 10.35:
-        emulator.advance(now)
-        for output in emulator.output():
-            emulator.written(output.id, True, now)
-        for event in emulator.events():
-            diary.observe(event)
+        turn(emulator, now, diary)
         now = max(emulator.next_deadline(), now + 1e-6)
     made = [(frame.vehicle, round(frame.instant_s, 6)) for frame in diary.frames]
     assert made == [(f"v{n % 4}", round(n * 0.025, 6)) for n in range(len(made))]

@@ -16,9 +16,8 @@ from arva_hil.emulator.setup import VehicleSetup, one_vehicle
 from arva_hil.events import FollowedSystemHeard, FollowedSystemSilent, FrameMade
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import Following, LocalFrame, MovingTransmitters, Transmitters, Waypoints, rotation
-from arva_hil.runtime.audience import Audience
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from tests.one_receiver import Diary
+from tests.one_receiver import Diary, turn
 
 HOME = (46.0123, 7.7456, 1650.0)
 STREAMS = {33: 20.0, 30: 20.0}
@@ -53,7 +52,6 @@ class Bench:
             for link in {link for link, _ in others} - {"autopilot"}
         ]
         self.emulator = Emulator(setups, start=0.0, look_ahead_s=look_ahead_s)
-        self._audience = Audience([self.diary])
 
     def run(self, seconds: float) -> None:
         until = self.now + seconds
@@ -62,10 +60,7 @@ class Bench:
             for link, vehicle in [("autopilot", self.vehicle), *self.others]:
                 if data := vehicle.poll(self.now):
                     self.emulator.receive(link, data, self.now, vehicle.system)
-            self.emulator.advance(self.now)
-            for output in self.emulator.output():
-                self.emulator.written(output.id, True, self.now)
-            self._audience.emit(self.emulator.events())
+            turn(self.emulator, self.now, self.diary)
 
     @property
     def frames(self) -> list[FrameMade]:

@@ -37,7 +37,7 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from tests.one_receiver import HOME, Flown
+from tests.one_receiver import HOME, Diary, Flown, turn
 
 QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=ReceiverOptions(noise=Noise("off"), rate_hz=5.0))
 TRUTH = replace(QUIET, pose="truth")
@@ -264,15 +264,11 @@ def test_two_receivers_of_one_vehicle_share_its_error() -> None:
     receivers = [ReceiverSetup("slow", "a", scenario), ReceiverSetup("quick", "b", quick)]
     emulator = Emulator([VehicleSetup("vehicle", "link", Session(passive=True), scenario, receivers)], start=0.0)
     vehicle = SimulatedVehicle(HOME, streams={33: 50.0, 30: 50.0})
-    frames: dict[tuple[str, float], FrameMade] = {}
+    diary = Diary()
     for n in range(1, 1500):
-        now = n / 100
-        emulator.receive("link", vehicle.poll(now), now)
-        emulator.advance(now)
-        for output in emulator.output():
-            emulator.written(output.id, True, now)
-        events = emulator.events()
-        frames |= {(e.receiver, round(e.instant_s, 6)): e for e in events if isinstance(e, FrameMade) and e.pose}
+        emulator.receive("link", vehicle.poll(n / 100), n / 100)
+        turn(emulator, n / 100, diary)
+    frames = {(made.receiver, round(made.instant_s, 6)): made for made in diary.frames if made.pose}
     both = [(frames["slow", t], frames["quick", t]) for name, t in frames if name == "slow"]
     assert len(both) > 30
     for slow, fast in both:

@@ -18,7 +18,7 @@ from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
-from tests.one_receiver import Diary, OneReceiver
+from tests.one_receiver import Diary, OneReceiver, turn
 
 SECONDS = 3.0
 SCENARIO = """receiver: {rate_hz: %g}
@@ -69,11 +69,7 @@ def used_one_by_one(rate_hz: float, times: list[float]) -> Diary:
     while (now := min(engine.next_deadline(), said[-1] if said else math.inf)) <= SECONDS:
         if said and said[-1] <= now:
             engine.receive("autopilot", packets(said.pop()), now)
-        engine.advance(now)
-        for output in engine.output():
-            engine.written(output.id, True, now)
-        for event in engine.events():
-            diary.observe(event)
+        turn(engine, now, diary)
     return diary
 
 
