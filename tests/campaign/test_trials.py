@@ -306,7 +306,7 @@ def test_who_hears_from_the_start_on_begins_farther_away() -> None:
     assert near.stable_m == 40.0  # and no farther than that
 
 
-@pytest.mark.parametrize("profile", ["three_antennas", "one_antenna", "strength_only", "estimator", "deafened"])
+@pytest.mark.parametrize("profile", ["three_antennas", "one_antenna", "strength_only", "unequal_antennas", "deafened"])
 def test_every_model_has_a_data_sheet(profile: str) -> None:
     scenario = pulsed(profile)
     sheet = measured(scenario, RangePlan(walks=3))
