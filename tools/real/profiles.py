@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from arva_hil.config import DEFAULT, NavigationError, Scenario, Transmitter
 from arva_hil.config.receiver import MountOptions, Noise, ReceiverOptions
+from arva_hil.records.fitting import FittedValue
 
 
 def drawn(seed: int, model: str = "paper") -> tuple[Scenario, dict[str, float]]:
@@ -52,3 +54,22 @@ def drawn(seed: int, model: str = "paper") -> tuple[Scenario, dict[str, float]]:
         seed=seed,
     )
     return scenario, truth
+
+
+def misses(estimates: Mapping[str, FittedValue], truth: Mapping[str, float]) -> dict[str, float]:
+    """Return how far each truth is from the middle of its interval, in half widths, for identified parameters.
+
+    A dipole with its axis reversed is the same: its pitch changes its sign with half a turn of its yaw.
+    """
+    true = dict(truth)
+    for name in truth:
+        if name.endswith("yaw") and name in estimates:
+            half_turns = round((truth[name] - estimates[name].value) / 180)
+            true[name] -= 180 * half_turns
+            if half_turns % 2 and (pitch := name.removesuffix("yaw") + "pitch") in true:
+                true[pitch] *= -1
+    return {
+        name: (true[name] - (one.low + one.high) / 2) / ((one.high - one.low) / 2)
+        for name, one in estimates.items()
+        if name in true and one.identified
+    }

@@ -30,7 +30,7 @@ from arva_hil.records.fitting.fit import fit
 from arva_hil.records.fitting.profile import profile, scenario
 from arva_hil.records.fitting.scatter import Gps
 from arva_hil.records.reading import load
-from tools.real.profiles import drawn
+from tools.real.profiles import drawn, misses
 from tools.real.rehearsal import mission, rehearse
 
 GPS = Gps(1.5, 60.0)
@@ -93,15 +93,6 @@ def one(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, Any]:
     begin = time.process_time()
     found = fit([flight_of(load(record))], options.model, GPS)
     cpu_s = time.process_time() - begin
-    misses = {}
-    for name, true in truth.items():
-        estimate = found.estimates.get(name)
-        if estimate is None or not estimate.identified:
-            continue
-        middle, half = (estimate.low + estimate.high) / 2, (estimate.high - estimate.low) / 2
-        off = true - middle
-        off = (off + 90) % 180 - 90 if name.endswith("yaw") else off
-        misses[name] = round(off / half, 3)
     (folder / "p.yaml").write_text(profile(found, [""]))
     (folder / "s.yaml").write_text(scenario(found, "p.yaml"))
     again = replace(chosen, navigation_error=None, seed=seed + 1000)
@@ -112,7 +103,7 @@ def one(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, Any]:
     (result,) = compared(receiver, emulated.receiver, emulated.pairs, emulated.ranges)
     return {
         "seed": seed,
-        "misses": misses,
+        "misses": {name: round(miss, 3) for name, miss in misses(found.estimates, truth).items()},
         "scatter": found.d_scatter,
         "cpu_s": round(cpu_s, 1),
         "readings": found.readings,
