@@ -47,13 +47,13 @@ def lines(found: ReceiverFit) -> list[str]:
     turn = "" if found.delta_scatter_deg is None else f", δ {found.delta_scatter_deg:.1f}°"
     said = [
         f"{found.readings} readings, {found.outliers} outliers; residuals: d {100 * found.d_scatter:.1f} %{turn}",
-        f"{'':22}{'value':>10}{'95 % interval':>24}",
+        f"{'':22}{'value':>10} {'95 % interval':>24}",
     ]
     for one in found.estimates.values():
         unit = f" {one.unit}" if one.unit else ""
         interval = f"{one.low:.4g} … {one.high:.4g}{unit}"
         like = f" apart from {one.like}" if one.like else ""
         told = "" if one.identified else f"  unknown{like}"
-        said.append(f"{one.name:22}{one.value:>10.4g}{interval:>24}{told}")
+        said.append(f"{one.name:22}{one.value:>10.4g} {interval:>24}{told}")
     said.append("kappa_eq is that of a transmitter of strength 1: the flight gives only their ratio")
     return [*said, *found.advice]

@@ -134,6 +134,15 @@ def test_two_records_of_one_flight_are_paired_by_the_autopilots_clock(tmp_path: 
     assert abs(result.all.d_bias_m) < 0.3
 
 
+def test_the_lag_between_two_receivers_is_that_of_their_latencies(tmp_path: Path) -> None:
+    early, late = (rehearse(tmp_path / f"{late_s}", QUIET, FLIGHT, latency_s=late_s) for late_s in (0.3, 1.1))
+    one, two = load(late), load(early)
+    pairs = paired_frames(one, two)
+    (result,) = compared(one.receivers[0], two.receivers[0], pairs)
+    assert result.lag_s == pytest.approx(0.8, abs=0.06)
+    assert result.hints == []
+
+
 def test_two_flights_are_paired_by_their_places(tmp_path: Path) -> None:
     there = [point._replace(time_s=point.time_s * 1.3) for point in FLIGHT]
     one, two = load(rehearse(tmp_path / "a", QUIET, FLIGHT)), load(rehearse(tmp_path / "b", QUIET, there))

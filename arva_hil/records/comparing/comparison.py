@@ -151,7 +151,7 @@ def _of_one(
         int((heard_2 & ~heard_1).sum()),
         _lost(one),
         _lost(two),
-        _lag_s(columns) if pairs.how == "time" else None,
+        _lag_s(columns, _later_s(one, two, pairs)) if pairs.how == "time" else None,
         _spread("all", columns, both),
         groups,
         _hints(one, two, pairs, columns, id_2),
@@ -220,12 +220,18 @@ def _lost(receiver: RecordedReceiver) -> int:
     return sum(missing(a % 256, b % 256) for a, b in pairwise(numbers) if (b - a) % 256 > 1)
 
 
-def _lag_s(c: _Columns) -> float | None:
+def _later_s(one: RecordedReceiver, two: RecordedReceiver, pairs: Paired) -> Floats:
+    """Return the time from each first frame to its second one, by the autopilot's clock [s]; 0 without a pose."""
+    later: Floats = np.nan_to_num(two.boot_ms[pairs.second] - one.boot_ms[pairs.first]) / 1e3
+    return later
+
+
+def _lag_s(c: _Columns, later_s: Floats) -> float | None:
     """Return the lag of the first: the shift of the second with which log d fits best."""
     heard = np.isfinite(c.second[0])
     if heard.sum() < TOO_FEW:
         return None
-    time_2, log_2 = c.time_s[heard], np.log(np.maximum(c.second[0][heard], 0.01))
+    time_2, log_2 = (c.time_s + later_s)[heard], np.log(np.maximum(c.second[0][heard], 0.01))
     use = np.isfinite(c.first[0])
     time_1, log_1 = c.time_s[use], np.log(np.maximum(c.first[0][use], 0.01))
     inside = (time_1 > time_2[0] + _MOST_LAG_S) & (time_1 < time_2[-1] - _MOST_LAG_S)
@@ -255,16 +261,15 @@ def _hints(one: RecordedReceiver, two: RecordedReceiver, pairs: Paired, c: _Colu
     d_m, range_m = c.first[0], c.second[3]
     if np.isfinite(d_m).any():
         nearest = int(np.nanargmin(d_m))
-        ranges = range_m if np.isfinite(range_m).any() else np.full(len(d_m), np.inf)
-        off_m = ranges[nearest] - 1.2 * d_m[nearest]
-        if math.isinf(off_m):
-            hints.append(f"{name} has a signal in the first, and none in the second")
-        elif off_m > _FAR_M:
+        off_m = range_m[nearest] - 1.2 * d_m[nearest]
+        if off_m > _FAR_M:
             north, east, _ = one.position[pairs.first[nearest]]
             hints.append(
                 f"the place of {name} is about {off_m:.0f} m off: the smallest d, {d_m[nearest]:.1f} m, was read at "
-                f"{north:.0f} m north, {east:.0f} m east, {ranges[nearest]:.0f} m from its place"
+                f"{north:.0f} m north, {east:.0f} m east, {range_m[nearest]:.0f} m from its place"
             )
+        elif not (np.isfinite(range_m) | np.isfinite(c.second[0])).any():
+            hints.append(f"{name} has a signal in the first, and none in the second")
     both = int((np.isfinite(d_m) & np.isfinite(c.second[0])).sum())
     if both < TOO_FEW:
         hints.append(f"only {both} readings of {name} in common: the table is worth little below {TOO_FEW}")
