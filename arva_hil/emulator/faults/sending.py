@@ -217,7 +217,7 @@ def _reorder(sending: Sending, share: float, random: Random) -> bool:
 SILENCE: Final = FaultKind("sent", None, "no frames", _withhold)
 DROP: Final = FaultKind("sent", SHARE, "probability a frame that it is lost", _withhold)
 SELF_TEST: Final = FaultKind("sent", None, "the status bit", _self_test)
-IMPULSES: Final = FaultKind("sent", SHARE, "probability a channel and frame that it shows an impulse", _impulses)
+IMPULSES: Final = FaultKind("sent", SHARE, "probability a channel and frame of an impulse", _impulses)
 SEQUENCE: Final = FaultKind("sent", SHARE, "probability a frame that its number is wrong", _sequence)
 DUPLICATE: Final = FaultKind("sent", SHARE, "probability a frame that it is sent again", _duplicate)
 DELAY: Final = FaultKind("sent", SECONDS, "frames and all later ones are late by this", _delay)
