@@ -18,6 +18,7 @@ from sphinx.pycode import ModuleAnalyzer
 
 import arva_hil
 from arva_hil import events
+from arva_hil.autopilot.commanding.authority import HOLDERS
 from arva_hil.autopilot.commanding.commander import PHASES
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
@@ -130,8 +131,9 @@ def leave_out(app: Sphinx, what: str, name: str, item: object, skip: bool, optio
 
 
 def state_tables() -> Iterator[str]:
-    """Yield a section with the states of a flight, and one with those of the permission to arm."""
-    for title, table in ("The phases of a flight", PHASES), ("The permission to arm", CONSENTS):
+    """Yield a section for each table of states: of a flight, of the authority, and of the permission to arm."""
+    tables = {"The phases of a flight": PHASES, "Who has the vehicle": HOLDERS, "The permission to arm": CONSENTS}
+    for title, table in tables.items():
         rows = [f"## {title}", "", "| state | meaning | may be followed by |", "|---|---|---|"]
         for state, rule in table.items():
             rows.append(f"| {state.name} | {rule.meaning} | {', '.join(one.name for one in rule.then)} |")

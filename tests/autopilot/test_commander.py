@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from itertools import groupby, pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
 
+from arva_hil.autopilot.commanding.authority import HOLDERS, Authority, Holder
 from arva_hil.autopilot.commanding.commander import Commander, Phase
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.events.words.reasons import in_words
@@ -737,3 +739,28 @@ def test_no_values_of_the_vehicle_make_it_raise(phase: Phase, said: list[tuple[i
         told.session.take_events()
     if told.commander.phase in SILENT:
         assert told.hear(5.0) == []
+
+
+def test_who_has_the_vehicle_follows_from_the_reports_of_its_mode() -> None:
+    authority, holders = Authority(), [Holder.UNKNOWN]
+
+    def now_has(holder: Holder) -> None:
+        assert authority.holder is holder
+        assert holder in (holders[-1], *HOLDERS[holders[-1]].then)
+        holders.append(holder)
+
+    now_has(Holder.UNKNOWN)
+    authority.on_mode(5, 0.0, 0.1)
+    now_has(Holder.SEARCH)  # nothing is ordered yet
+    authority.want(4)
+    now_has(Holder.OTHER)
+    authority.on_mode(4, 0.2, 0.3)
+    now_has(Holder.SEARCH)
+    authority.doubt(1.0)
+    authority.on_mode(4, 1.0, 1.1)
+    now_has(Holder.UNKNOWN)  # until the vehicle has answered
+    question = authority.question(1.1)
+    assert question is not None
+    authority.on_timesync(SimpleNamespace(tc1=1, ts1=question.ts1))
+    authority.on_mode(5, 1.2, 1.3)
+    now_has(Holder.OTHER)

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 import secrets
-from typing import Any, Final
+from enum import Enum, auto
+from typing import Any, Final, NamedTuple
 
 from arva_hil.mavlink.codec import dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
@@ -24,6 +25,35 @@ _ASK_AGAIN_S: Final = 0.3
 
 MODE_WANTED: Final = {dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0, MAVLINK_MSG_ID_CURRENT_MODE: 10.0}
 """The messages that report the mode, and their rates [Hz]. ArduCopter sends the first, PX4 the second."""
+
+
+class Holder(Enum):
+    """Who has the vehicle, by the reports of its mode. `HOLDERS` has the meaning and the transitions."""
+
+    UNKNOWN = auto()
+    SEARCH = auto()
+    OTHER = auto()
+
+
+class HolderRule(NamedTuple):
+    """One row of the table of holders."""
+
+    meaning: str
+    then: tuple[Holder, ...]
+    """The holders that may follow."""
+
+
+HOLDERS: Final = {
+    Holder.UNKNOWN: HolderRule(
+        "no report of the mode counts, as after a gap: only a question is sent", (Holder.SEARCH, Holder.OTHER)
+    ),
+    Holder.SEARCH: HolderRule(
+        "the search's orders may have caused the mode: orders and set-points are sent", (Holder.UNKNOWN, Holder.OTHER)
+    ),
+    Holder.OTHER: HolderRule(
+        "they cannot have caused it: nothing is sent, and a flight ends", (Holder.UNKNOWN, Holder.SEARCH)
+    ),
+}
 
 
 class Authority:
@@ -89,6 +119,13 @@ class Authority:
 
     def asked(self, now: float) -> None:
         self._next_question = now + _ASK_AGAIN_S
+
+    @property
+    def holder(self) -> Holder:
+        """Who has the vehicle."""
+        if not self.settled:
+            return Holder.UNKNOWN
+        return Holder.OTHER if self.usurped else Holder.SEARCH
 
     @property
     def settled(self) -> bool:

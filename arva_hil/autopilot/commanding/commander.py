@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.commanding import authority
-from arva_hil.autopilot.commanding.authority import MODE_WANTED, Authority
+from arva_hil.autopilot.commanding.authority import MODE_WANTED, Authority, Holder
 from arva_hil.autopilot.commanding.complaints import BATTERY_WANTED, Battery, Complaints
 from arva_hil.autopilot.commanding.sticks import STICKS_WANTED, Sticks
 from arva_hil.autopilot.following.discovery import Vehicle
@@ -344,7 +344,7 @@ class Commander(FlightState):
         messages = [question] if question else []
         if question:
             self._offered.append(self.authority.asked)
-        if self.authority.settled and not self.authority.usurped and not self._session.doubtful:
+        if self.authority.holder is Holder.SEARCH and not self._session.doubtful:
             messages += self._due(now)
         return b"".join(map(self._session.encoder.pack, messages))
 

@@ -46,7 +46,7 @@ from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_tunnel import HeardAt
 from firmware_proto import Frame
 
-_OLD_S: Final = 1.0  # an older pose is no place of the vehicle
+OLD_S: Final = 1.0  # an older pose is no place of the vehicle, and not used for the flight
 
 
 class TeamReport:
@@ -82,7 +82,7 @@ class TeamReport:
             return
         origin = origin or last.frame
         state = self._session.navigation.state_at(now, origin)
-        lost = state is None or state.age_s >= _OLD_S
+        lost = state is None or state.age_s >= OLD_S
         place = (last.lat, last.lon, last.alt) if state is None else lla(origin, *as_position(state.position))
         self._report(now, place, origin, mission, flying=vehicle.armed, searching=searching, lost=lost)
 
@@ -265,7 +265,6 @@ def _sideways(order: Position, position: Position) -> tuple[float, float]:
     return -side * east, side * north
 
 
-OLD_S: Final = 1.0  # an older pose is not used for the flight
 STAY: Final = (0.0, 0.0, 0.0)
 _REPORT_S: Final = 0.1  # between frames that are reported
 
@@ -338,15 +337,15 @@ class MissionRun:
         receiver, rotation = self._setup.plan.mount.pose(state.position, state.attitude)
         return FlownPose(state, as_position(state.position), as_position(receiver), rotation)
 
-    def _log_step(self, now: float, phase: str, pose: FlownPose, velocity: Position) -> None:
-        if self._setup.log is None:
-            return
+    def _log_step(
+        self, log: Callable[[SearchStep], None], now: float, phase: str, pose: FlownPose, velocity: Position
+    ) -> None:
         frame, self._new_frame = self._new_frame, None
         reading: tuple[int | None, ...] = (None, None, None, None)
         if frame is not None:
             reading = reading_of(frame, self.mission.choice.target if self.mission else None)
         north_deg = math.degrees(heading(pose.state.attitude))
-        self._setup.log(SearchStep(now - self._setup.start, phase, *pose.position, north_deg, *velocity, *reading))
+        log(SearchStep(now - self._setup.start, phase, *pose.position, north_deg, *velocity, *reading))
 
 
 class Flight(MissionRun):
@@ -400,7 +399,8 @@ class Flight(MissionRun):
             self._report.report_flown(now, lla(self.origin, *pose.position), self.origin, self.mission)
         if phase is Phase.FLYING:
             velocity = self._steer(now, pose, self.mission or self._begin(now, pose.position))
-        self._log_step(now, phase.name.lower(), pose, velocity)
+        if log := self._setup.log:
+            self._log_step(log, now, phase.name.lower(), pose, velocity)
 
     def _begin(self, now: float, position: Position) -> Mission:
         setup = self._setup

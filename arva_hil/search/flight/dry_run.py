@@ -92,7 +92,8 @@ class DryRun(MissionRun):
         velocity = STAY
         if not mission.ended:
             velocity = mission.fly(now, self._lifted(pose.position), receiver=pose.receiver, height=height)
-        self._log_step(now, _PHASE, pose, velocity)
+        if log := self._setup.log:
+            self._log_step(log, now, _PHASE, pose, velocity)
         if now >= self._say_next_s and not mission.broken:
             self._say_next_s = now + _SAY_S
             heading_deg = math.degrees(heading(pose.state.attitude))
