@@ -26,7 +26,6 @@ ARVA_HIL: Final = [sys.executable, "-m", "arva_hil"]
 COLUMNS: Final = 92
 EDGE_PX: Final = 14
 PAPER, INK, DIM, BRIGHT = "#14181f", "#d6dbe3", "#8b95a5", "#f0c674"
-PALETTE: Final = 64  # colours of the file: what keeps it small
 
 
 def demo(folder: Path) -> list[str]:
@@ -63,7 +62,7 @@ def picture(lines: list[str], search: Image.Image) -> Image.Image:
     whole = Image.new("RGB", (search.width, above.height + search.height), "white")
     whole.paste(above, (0, 0))
     whole.paste(search.convert("RGB"), (0, above.height))
-    return whole.quantize(PALETTE, dither=Image.Dither.NONE)
+    return whole
 
 
 SIZE_PX: Final = (1280, 660)  # of the page
@@ -72,7 +71,6 @@ STEP_S: Final = 1.5  # of the flight, from picture to picture
 SHOWN_MS: Final = 180
 LAST_MS: Final = 4000
 LINES: Final = 6
-FILM_PALETTE: Final = 128
 
 
 def flight(folder: Path) -> tuple[float, list[tuple[float, str]]]:
@@ -135,7 +133,7 @@ def film(out: Path) -> None:
             whole.paste(small, (0, 0))
             whole.paste(below, (0, small.height))
             pictures.append(whole)
-    colours = side_by_side(pictures[::5]).quantize(FILM_PALETTE, dither=Image.Dither.NONE)
+    colours = side_by_side([*pictures[::5], pictures[-1]]).quantize(256, Image.Quantize.MAXCOVERAGE)
     first, *rest = [one.quantize(palette=colours, dither=Image.Dither.NONE) for one in pictures]
     shown = [SHOWN_MS] * len(rest) + [LAST_MS]
     first.save(out, save_all=True, append_images=rest, duration=shown, loop=0, optimize=True)
