@@ -409,9 +409,9 @@ def test_every_mistake_is_listed(text: str, expected: list[str]) -> None:
         ("[" * 100_000, "1:21: more than 20 levels, expected fewer"),
         ("- " * 500, "1:41: more than 20 levels, expected fewer"),
         ("{a: " * 500, "1:78: more than 20 levels, expected fewer"),
-        ("".join(f"key_{n}: 1\n" for n in range(60_000)), "1001:1: more than 1000 keys, expected fewer"),
+        ("".join(f"key_{n}: 1\n" for n in range(6_000)), "1001:1: more than 1000 keys, expected fewer"),
         (
-            "transmitters:\n" + "- {id: 1, enu: [5, 20, 0]}\n" * 25_000,
+            "transmitters:\n" + "- {id: 1, enu: [5, 20, 0]}\n" * 2_500,
             "1002:3: more than 1000 mappings in a list, expected fewer",
         ),
     ],
