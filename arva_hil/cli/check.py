@@ -58,7 +58,6 @@ def _check(name: str, text: str) -> None:
     from arva_hil.config import newer_keys, parse
     from arva_hil.config.campaign import is_plan, parse_plan
     from arva_hil.config.profiles import parse_profile, profile_kind
-    from arva_hil.emulator.build import outside_norm
 
     if of := profile_kind(text):
         parse_profile(text, of, name)
@@ -66,6 +65,8 @@ def _check(name: str, text: str) -> None:
         own = f"profile: {json.dumps(os.path.basename(name))}"
         keys, hears = (f", {own}", "model: pulsed") if of == "transmitter" else ("", own)
         text = f"spec: 2\ntransmitters: [{{id: 0, ned: [0, 0, 0]{keys}}}]\nreceiver: {{{hears}}}"
+        from arva_hil.emulator.build import outside_norm  # with numpy
+
         for remark in outside_norm(parse(text, name)):
             tell(f"{name}: warning: {remark.partition(': ')[2]}")
         return
@@ -94,5 +95,7 @@ def _check(name: str, text: str) -> None:
     for fault in chosen.faults:
         show(f"  fault {fault}")
     if newer_keys(chosen):
+        from arva_hil.emulator.build import outside_norm  # with numpy
+
         for remark in outside_norm(chosen):
             tell(f"{name}: warning: {remark}")

@@ -1,4 +1,4 @@
-"""The options of each command: one function a command; its docstring is the description. Importing them is quick."""
+"""The options of commands whose modules import slowly: one function a command; its docstring is the description."""
 
 from __future__ import annotations
 
