@@ -22,6 +22,7 @@ from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.records.pictures import over_time, run
 from arva_hil.records.pictures.flight_map import draw_map
 from arva_hil.records.pictures.over_time import draw_distance, draw_lateness, draw_streams, draw_timeline
+from arva_hil.records.pictures.run import of_search
 from arva_hil.records.pictures.style import LOOKS, MOST_POINTS, SHAPES, look_of, thinned
 from arva_hil.records.reading import load
 from arva_hil.records.reading.streams import streams
@@ -72,6 +73,11 @@ def test_the_map_has_every_victim(axes: Axes, tmp_path: Path) -> None:
     crosses = [line.get_xydata() for line in axes.lines if line.get_marker() == "x"]
     assert np.concatenate(crosses).tolist() == [pytest.approx([5.25, n], abs=1e-3) for n in (20.5, 10.5)]
     assert {text.get_text() for text in axes.texts} >= {"victim 1", "victim 2"}
+
+
+def test_a_search_that_ended_before_its_first_step_is_drawn(tmp_path: Path) -> None:
+    folder = write_search(write(tmp_path / "flight", COUNT, search=False), 0, outcome="failed", found=None)
+    assert of_search(load(folder)).startswith(b"\x89PNG")
 
 
 def test_d_is_drawn_as_read_beside_the_true_range(axes: Axes, tmp_path: Path) -> None:

@@ -248,8 +248,11 @@ class Recording:
 
         None if one of the two is not known.
         """
-        datum = self.datum_at(vehicle, self.search.start_s + float(self.search.time_s[-1])) if self.search else None
-        if self.search is None or self.search.origin is None or datum is None:
+        search = self.search
+        if search is None or search.origin is None:
             return None
-        moved: Floats = datum.frame.ned(*LocalFrame(*self.search.origin).lla(ned))
+        end_s = search.start_s + float(search.time_s[-1] if len(search.time_s) else 0.0)
+        if (datum := self.datum_at(vehicle, end_s)) is None:
+            return None
+        moved: Floats = datum.frame.ned(*LocalFrame(*search.origin).lla(ned))
         return moved
