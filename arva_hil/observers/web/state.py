@@ -102,16 +102,16 @@ class State:
         frames: dict[Key, list[Event]] = {}
         for event in batch:
             by_search = isinstance(event, FromSearch)
-            name, told = (event.vehicle, event.event) if isinstance(event, FromSearch) else ("", event)
-            if isinstance(told, PacketsReceived):
-                self.health.observe(told)
-            elif isinstance(told, FrameMade):
-                frames.setdefault((told.vehicle, told.receiver), []).append(told)
-            elif isinstance(told, FrameHeard):
+            name, inner = (event.vehicle, event.event) if isinstance(event, FromSearch) else ("", event)
+            if isinstance(inner, PacketsReceived):
+                self.health.observe(inner)
+            elif isinstance(inner, FrameMade):
+                frames.setdefault((inner.vehicle, inner.receiver), []).append(inner)
+            elif isinstance(inner, FrameHeard):
                 if self._alone or not by_search:
-                    frames.setdefault((name or "vehicle", "receiver"), []).append(told)
+                    frames.setdefault((name or "vehicle", "receiver"), []).append(inner)
             else:
-                self._take(event, told, name, by_search)
+                self._take(event, inner, name, by_search)
         for key, made in frames.items():
             self._take_frames(key, made)
 
@@ -145,17 +145,17 @@ class State:
         self.version += 1
         self._documents.clear()
 
-    def _take(self, event: Event, told: Event, name: str, by_search: bool) -> None:
+    def _take(self, event: Event, inner: Event, name: str, by_search: bool) -> None:
         self._time_s = max(self._time_s, event.time_s)
-        if isinstance(told, DatumSet):
-            self.places.put(told.vehicle, told.lat, told.lon, told.alt)
+        if isinstance(inner, DatumSet):
+            self.places.put(inner.vehicle, inner.lat, inner.lon, inner.alt)
         if self._alone or not by_search:
-            self.health.observe(told)
-        if isinstance(told, StatusReport):
-            self._truth.observe(told)
+            self.health.observe(inner)
+        if isinstance(inner, StatusReport):
+            self._truth.observe(inner)
             return
         if name in self._searches or len(self._searches) < _MOST_RECEIVERS:
-            self._searches.setdefault(name, SearchView(self.places, name)).observe(told)
+            self._searches.setdefault(name, SearchView(self.places, name)).observe(inner)
         if (notice := self.notice_of(event)) is not None:
             said = f"[{jsons.number(event.time_s - (self._start_s or 0.0), 2)},{jsons.text(notice.level)},"
             self._events.extend([said + jsons.text(notice.text) + "]"], self.version)
@@ -173,7 +173,7 @@ class State:
             if isinstance(made, FrameMade):
                 texts.append(jsons.point_of(made, offset, hidden=self._hidden))
             elif isinstance(made, FrameHeard):
-                texts.append(self._heard(made, key[0]))
+                texts.append(self._point_of(made, key[0]))
         receiver.history.extend(texts, self.version)
         last = frames[-1]
         self._time_s = max(self._time_s, last.time_s)
@@ -182,14 +182,14 @@ class State:
             receiver.sent, receiver.faults = last.sent, last.faults
             receiver.down_m = None if last.pose is None else float(last.pose.position[2]) + offset[2]
 
-    def _heard(self, heard: FrameHeard, vehicle: str) -> str:
+    def _point_of(self, made: FrameHeard, vehicle: str) -> str:
         place: tuple[float | None, ...] = (None, None, None)
-        if heard.position is not None:
+        if made.position is not None:
             offset = self.places.offset(SEARCH + (vehicle if vehicle in self._searches else ""))
-            place = tuple(a + b for a, b in zip(heard.position, offset, strict=True))
-        channels = heard.frame.channels
+            place = tuple(a + b for a, b in zip(made.position, offset, strict=True))
+        channels = made.frame.channels
         said = jsons.slots(channels, [None] * len(channels))
-        return jsons.point(heard.time_s, place, heard.heading_deg, None, None, said, heard.frame.sequence)
+        return jsons.point(made.time_s, place, made.heading_deg, None, None, said, made.frame.sequence)
 
     def draw_field(self) -> None:
         """Compute the lines of the field again if transmitters have moved, or the receiver has climbed."""

@@ -58,7 +58,7 @@ class RecordedState(State):
         self._shown_s = -math.inf
         self._notices: dict[int, Notice] = {}  # of events, by their identity
         self._news = sorted(self._recorded_events(), key=lambda event: event.time_s)
-        self._told = 0  # of those
+        self._passed = 0  # of those
         self._packets = [_Packets(recording, name) for name in dict.fromkeys(r.vehicle for r in recording.receivers)]
         self._status = sorted(((number(s.get("time_s")) or 0.0, i) for i, s in enumerate(recording.status)))
         self._place(-math.inf)
@@ -79,13 +79,13 @@ class RecordedState(State):
             return
         if time_s < self._shown_s:
             self.forget()
-            self._told = 0
+            self._passed = 0
         self._shown_s = time_s
         self._place(time_s)
         now = bisect.bisect_right(self._news, time_s, key=lambda event: event.time_s)
         packets = itertools.chain.from_iterable(one.until(time_s) for one in self._packets)
-        self.update([*self._news[self._told : now], *packets, *self._report(time_s)])
-        self._told = now
+        self.update([*self._news[self._passed : now], *packets, *self._report(time_s)])
+        self._passed = now
         for key, column in self._columns.items():
             self.put(key, *column.until(time_s))
         self.head = {"span": list(self.span_s), "at": time_s}
@@ -99,14 +99,14 @@ class RecordedState(State):
         """`/timeline.json`: phases, faults and marks: [from, to, vehicle, words]; events: [time, level, words]."""
         phases, marks, begun = list[list[Any]](), list[list[Any]](), dict[str, list[Any]]()
         for event in self._news:
-            told, vehicle = (event.event, event.vehicle) if isinstance(event, FromSearch) else (event, "")
-            if (name := PHASES.get(type(told))) and (vehicle not in begun or begun[vehicle][3] != name):
+            inner, vehicle = (event.event, event.vehicle) if isinstance(event, FromSearch) else (event, "")
+            if (name := PHASES.get(type(inner))) and (vehicle not in begun or begun[vehicle][3] != name):
                 at_s = max(event.time_s, self.span_s[0])
                 if vehicle in begun:
                     begun[vehicle][1] = at_s
                 begun[vehicle] = [at_s, self.span_s[1], vehicle, name]
                 phases.append(begun[vehicle])
-            if isinstance(told, VictimNoted | PlaceFound):
+            if isinstance(inner, VictimNoted | PlaceFound):
                 marks.append([event.time_s, event.time_s, vehicle, "place found"])
         faults = [
             [float(one.time_s[a]), float(one.time_s[min(b, len(one) - 1)]), one.vehicle, ", ".join(names)]
@@ -258,8 +258,8 @@ class _StepTexts:
     """The steps of a search alone in which a frame came, as JSON texts."""
 
     def __init__(self, search: RecordedSearch) -> None:
-        heard = np.flatnonzero(np.isfinite(search.d_cm))
-        chosen = [int(heard[i]) for i in _some(len(heard))]
+        received = np.flatnonzero(np.isfinite(search.d_cm))
+        chosen = [int(received[i]) for i in _some(len(received))]
         self._times = [float(search.time_s[i]) for i in chosen]
         self._made = [self._text(search, i) for i in chosen]
 
@@ -295,8 +295,8 @@ def _event(said: Mapping[str, Any]) -> Event | None:
         event = event_of(said)
         if event is not None and not isinstance(event, DatumSet):
             search, health = SearchView(Places()), Health({}, {})
-            told = event.event if isinstance(event, FromSearch) else event
-            for one in (WaitingFor(0.0, "pose"), told):
+            inner = event.event if isinstance(event, FromSearch) else event
+            for one in (WaitingFor(0.0, "pose"), inner):
                 search.observe(one)
                 health.observe(one)
             jsons.dump([search.document(), health.vehicles(), health.links()])

@@ -96,7 +96,7 @@ function show() {
   showLink(state);
   const search = mine(state);
   showSearch(search, shown, own(state.transmitters), state.team, search && searched(search, vehicles()));
-  const outcome = outcomeOf(state, shown ? (state.team.length ? state.transmitters : own(state.transmitters)) : []);
+  const there = state.team.length ? state.transmitters : own(state.transmitters), outcome = outcomeOf(state, shown ? there : []);
   showOutcome(outcome);
   showVictims(search, outcome, last);
   showTeam(state.team, store.points, chosen, choose);
@@ -179,8 +179,8 @@ function showLegend(state, shown) {
   if (wanted.join() === legend) return;
   legend = wanted.join();
   $("legend").replaceChildren(...wanted.map((name) => {
-    const [words, d] = SIGNS[name];
-    return el("li", {}, svg("svg", { viewBox: "0 0 22 14", "aria-hidden": "true" }, svg("path", { d, class: `sign-${name}` })), words);
+    const [text, d] = SIGNS[name];
+    return el("li", {}, svg("svg", { viewBox: "0 0 22 14", "aria-hidden": "true" }, svg("path", { d, class: `sign-${name}` })), text);
   }));
 }
 
@@ -193,10 +193,12 @@ function showLink(state) {
 
 function showBanner() {
   const ended = store.state?.ended;
-  const words = ended ? ($("outcome").hidden ? `The run is over: ${ended}` : "") : failures >= 2 ? "No connection: the program has ended, or the network is down. The page has the last known state." : "";
-  $("banner").hidden = !words;
-  $("banner").dataset.level = ended ? (store.state.failed ? "bad" : "info") : "warn";
-  if ($("banner").textContent !== words) $("banner").textContent = words;
+  let text = failures >= 2 ? "No connection: the program has ended, or the network is down. The page has the last known state." : "";
+  if (ended) text = $("outcome").hidden ? `The run is over: ${ended}` : "";
+  $("banner").hidden = !text;
+  const level = store.state?.failed ? "bad" : "info";
+  $("banner").dataset.level = ended ? level : "warn";
+  if ($("banner").textContent !== text) $("banner").textContent = text;
 }
 
 $("truth").addEventListener("click", () => {

@@ -64,14 +64,14 @@ function showChannels(slots) {
   while (body.rows.length > slots.length) body.lastElementChild.remove();
   slots.forEach((slot, i) => {
     const row = body.rows[i] ?? body.appendChild(el("tr", {}, el("td"), el("td"), el("td"), el("td"), el("td", { class: "true" })));
-    const heard = slot[CM] > 0, cells = row.cells, key = slot.join();
+    const received = slot[CM] > 0, cells = row.cells, key = slot.join();
     if (row.dataset.key === key) return;
     row.dataset.key = key;
-    row.className = heard ? "" : "none";
-    cells[0].replaceChildren(...(heard ? [signOf(slot[ID]), slot[ID] === null ? "?" : String(slot[ID])] : ["–"]));
-    text(cells[1], heard ? `${metres(slot[CM])} m` : "–");
-    text(cells[2], heard && slot[ZONE] !== 2 ? signed(slot[DELTA]) : "–");
-    text(cells[3], heard ? ZONES[slot[ZONE]] && slot[ZONE] ? ZONES[slot[ZONE]] : "–" : "–");
+    row.className = received ? "" : "none";
+    cells[0].replaceChildren(...(received ? [signOf(slot[ID]), slot[ID] === null ? "?" : String(slot[ID])] : ["–"]));
+    text(cells[1], received ? `${metres(slot[CM])} m` : "–");
+    text(cells[2], received && slot[ZONE] !== 2 ? signed(slot[DELTA]) : "–");
+    text(cells[3], (received && slot[ZONE] && ZONES[slot[ZONE]]) || "–");
     text(cells[4], slot[RANGE] === null || slot[ID] === null ? "–" : `${slot[RANGE].toFixed(2)} m`);
   });
 }

@@ -67,9 +67,10 @@ export function showChecks(rows, connected) {
   const wrong = rows.filter(([level]) => level !== "good");
   const worst = wrong.reduce((level, row) => (ORDER.indexOf(row[0]) > ORDER.indexOf(level) ? row[0] : level), "good");
   const first = wrong.find(([level]) => level === worst);
-  const words = !connected ? "no connection" : !first ? "all well" : `${first[1]}: ${first[2]}${wrong.length > 1 ? ` (+${wrong.length - 1})` : ""}`;
+  let text = first ? `${first[1]}: ${first[2]}${wrong.length > 1 ? ` (+${wrong.length - 1})` : ""}` : "all well";
+  if (!connected) text = "no connection";
   $("pill").dataset.level = connected ? worst : "bad";
-  if ($("pill-text").textContent !== words) $("pill-text").textContent = words;
+  if ($("pill-text").textContent !== text) $("pill-text").textContent = text;
 }
 
 export function showCounters(state) {
@@ -90,8 +91,8 @@ export function showEvents(events, go) {
   const key = `${events.length} ${events.at(-1)?.join() ?? ""}`;
   if (key === shownEvents) return;
   shownEvents = key;
-  $("events").replaceChildren(...events.toReversed().map(([time, level, words]) => el("li", { "data-level": LEVELS[level] ?? "info" },
-    timeOf(time, go), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, words))));
+  $("events").replaceChildren(...events.toReversed().map(([time, level, text]) => el("li", { "data-level": LEVELS[level] ?? "info" },
+    timeOf(time, go), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, text))));
 }
 
 // Return the standard deviations along the axes of an ellipse, m, and the direction of the first, radians from north.

@@ -58,7 +58,7 @@ export class Names {
       let best = null;
       for (const side of [before, ...name.spots.keys()]) {
         const [dx, dy, align] = name.spots[side] ?? name.spots[0], x = name.x + dx, y = name.y + dy;
-        const left = x - (align === "left" ? 0 : align === "right" ? across : across / 2);
+        const left = x - { left: 0, right: across, center: across / 2 }[align];
         const box = [left, y - HEIGHT / 2, left + across, y + HEIGHT / 2];
         const hidden = full.reduce((sum, other) => sum + shared(box, other), across * HEIGHT - shared(box, inner));
         if (!best || hidden < best.hidden - 1) best = { name, x, y, align, box, hidden, side };

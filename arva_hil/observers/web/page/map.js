@@ -372,7 +372,7 @@ function drawSearch(search) {
   search.victims.forEach((one, at) => drawPlace(...one.place, one.sure ? `victim ${at + 1}` : `victim ${at + 1}, not sure`));
 }
 
-function drawPlace(n, e, words) {
+function drawPlace(n, e, text) {
   const x = eye.x(e), y = eye.y(n), colour = css("--belief");
   for (const [width, style] of [[7, css("--ground")], [3.4, colour]]) {
     ink.lineWidth = width; ink.strokeStyle = style;
@@ -380,7 +380,7 @@ function drawPlace(n, e, words) {
     ink.moveTo(x - 11, y - 11); ink.lineTo(x + 11, y + 11); ink.moveTo(x - 11, y + 11); ink.lineTo(x + 11, y - 11);
     ink.stroke();
   }
-  names.add(words, x, y, colour, 2, [[-16, -14, "right"], ...BESIDE(16)]);
+  names.add(text, x, y, colour, 2, [[-16, -14, "right"], ...BESIDE(16)]);
 }
 
 // Return the inset with 5 m around the estimate; null while the vehicle is not near.

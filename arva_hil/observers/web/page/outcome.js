@@ -8,10 +8,10 @@ let shownCard = "";
 
 // Return the outcome of the searches of a run; null without one. `transmitters`: with true places; empty if hidden.
 export function outcomeOf(state, transmitters) {
-  const searches = state.team.length ? state.team : state.search ? [state.search] : [];
+  const searches = state.team.length ? state.team : [state.search].filter(Boolean);
   if (!searches.length) return null;
   const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle, doubt: search.doubt ?? "not sure: the readings do not agree" })));
-  const heard = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
+  const received = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
   const wanted = state.team.length || searches[0].wanted === null ? transmitters.length || null : searches[0].wanted;
   for (const [i, one] of victims.entries()) {
     one.name = one.id ?? `place ${i}`;
@@ -20,14 +20,15 @@ export function outcomeOf(state, transmitters) {
   }
   const names = (some) => new Set(some.map((one) => one.name)), found = names(victims), count = names(victims.filter((one) => one.sure)).size;
   const lacks = wanted === null ? victims.at(-1)?.left > 0 || !found.size : found.size < wanted;
-  const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, heard.has(id) ? "not found, but received" : "not found: not received"]) : [];
+  const missing = lacks && !found.has("place 0") ? transmitters.filter(({ id }) => !found.has(id)).map(({ id }) => [id, received.has(id) ? "not found, but received" : "not found: not received"]) : [];
   const over = Boolean(state.ended) || searches.every((search) => search.ended), unsure = found.size - count;
   const ends = [...new Set(searches.map((search) => search.ended).filter(Boolean))];
-  const why = state.failed && !ends.length ? state.ended : ends.filter((words) => words !== "found").join("; ");
+  const why = state.failed && !ends.length ? state.ended : ends.filter((text) => text !== "found").join("; ");
   let title = `${count} ${wanted === null ? "" : `of ${wanted} `}${state.lesson && !over ? "marked" : "found"}${unsure ? `, ${unsure} not sure` : ""}`;
   if (wanted === 1 && found.size === 1) title = unsure ? "Not sure" : "Found";
   if (over && !found.size) title = searches.some((search) => search.begun) ? "Not found" : "No search";
-  return { over, title, why, victims, missing, level: !found.size ? "bad" : lacks || unsure ? "warn" : "good" };
+  const level = lacks || unsure ? "warn" : "good";
+  return { over, title, why, victims, missing, level: found.size ? level : "bad" };
 }
 
 // Update the card at the top, which appears at the end of the search.
@@ -50,25 +51,28 @@ function foundRow(one, i) {
   const row = el("li", { "data-level": one.sure ? "good" : "warn" }, el("span", { class: "sign", "aria-hidden": "true" }),
     el("b", {}, signOf(one.id), `Victim ${i + 1}${one.id === null ? "" : ` (transmitter ${one.id})`}`), el("span", {}, facts.filter(Boolean).join(", ")));
   if (one.lat_lon) {
-    const words = one.lat_lon.map((degrees) => degrees.toFixed(7)).join(", "), place = el("code", {}, words), button = el("button", { type: "button", "aria-label": `Copy ${words}` }, "Copy");
-    button.addEventListener("click", async () => { await copy(words, place); button.textContent = "Copied"; });
-    row.append(place, button, el("a", { href: `geo:${words.replace(" ", "")}` }, "Open"),
-      el("button", { type: "button", popovertarget: `qr-${i}` }, "QR code"), el("img", { id: `qr-${i}`, popover: "", src: one.qr, alt: `QR code of ${words}` }));
+    const text = one.lat_lon.map((degrees) => degrees.toFixed(7)).join(", "), place = el("code", {}, text), button = el("button", { type: "button", "aria-label": `Copy ${text}` }, "Copy");
+    button.addEventListener("click", async () => { await copy(text, place); button.textContent = "Copied"; });
+    row.append(place, button, el("a", { href: `geo:${text.replace(" ", "")}` }, "Open"),
+      el("button", { type: "button", popovertarget: `qr-${i}` }, "QR code"), el("img", { id: `qr-${i}`, popover: "", src: one.qr, alt: `QR code of ${text}` }));
   }
   return row;
 }
 
 // Without HTTPS a browser has no clipboard, except on this computer. Then the text is selected for Ctrl-C or a phone's menu.
-async function copy(words, element) {
+async function copy(text, element) {
   getSelection().selectAllChildren(element);
-  try { await navigator.clipboard.writeText(words); } catch { document.execCommand("copy"); }
+  try { await navigator.clipboard.writeText(text); } catch { document.execCommand("copy"); }
 }
 
 // Update the list, as on a transceiver: marked, found, next, other received transmitters, with their newest distance.
 export function showVictims(search, outcome, point) {
   $("count").textContent = outcome && search ? outcome.title : "";
   const slots = (point?.[SLOTS] ?? []).filter((slot) => slot[CM] > 0), rows = new Map();
-  for (const one of search?.victims ?? []) rows.set(one.id ?? `place ${rows.size}`, one.sure ? (one.marked ? "marked" : "found") : "not sure");
+  for (const one of search?.victims ?? []) {
+    const state = one.marked ? "marked" : "found";
+    rows.set(one.id ?? `place ${rows.size}`, one.sure ? state : "not sure");
+  }
   if (search && !search.ended && search.target !== null && !rows.has(search.target)) rows.set(search.target, "next");
   for (const slot of slots) if (slot[ID] !== null && !rows.has(slot[ID])) rows.set(slot[ID], "received");
   $("victims").hidden = !rows.size;

@@ -16,19 +16,19 @@ function showTimeLine(data, window, time, vehicle) {
     shown = key;
     const inside = (from, to = from) => to >= window[0] && from <= window[1];
     const made = [];
-    const put = (from, to, attributes, words = "") => {
-      const one = el("span", attributes, words);
+    const put = (from, to, attributes, text = "") => {
+      const one = el("span", attributes, text);
       one.style.left = at(Math.max(from, window[0]), window);
       if (to > from) one.style.width = `calc(${at(Math.min(to, window[1]), window)} - ${one.style.left})`;
       made.push(one);
     };
     for (const kind of ["phases", "faults", "marks"]) {
-      for (const [from, to, of, words] of data[kind]) {
-        if (inside(from, to) && (of === vehicle || !of)) put(from, to, { class: kind, title: `${words}, ${clock(from)}` }, kind === "marks" ? "" : words);
+      for (const [from, to, of, text] of data[kind]) {
+        if (inside(from, to) && (of === vehicle || !of)) put(from, to, { class: kind, title: `${text}, ${clock(from)}` }, kind === "marks" ? "" : text);
       }
     }
-    for (const [when, level, words] of data.events) {
-      if (inside(when)) put(when, when, { class: "tick", "data-level": level, title: `${clock(when)} ${words}` });
+    for (const [when, level, text] of data.events) {
+      if (inside(when)) put(when, when, { class: "tick", "data-level": level, title: `${clock(when)} ${text}` });
     }
     line.replaceChildren(...made, el("span", { class: "now" }));
   }
