@@ -1,4 +1,4 @@
-"""`import arva_hil`: what is public is there, documented and tried; mistakes are named; all errors have one root."""
+"""`import arva_hil`: what is public is documented and tried; mistakes are named; registered parts; safe text."""
 
 from __future__ import annotations
 
@@ -15,10 +15,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import arva_hil
 from arva_hil.config.transmitter import Transmitter
+from arva_hil.errors import KindError
 from arva_hil.links.pty import PtyLink
+from arva_hil.registry import FORMATS, RECEIVERS, STRATEGIES, Registry
+from arva_hil.safe_text import cell, one_line
 from tests.cli.far_ends import Autopilot
 from tests.every import every
 
@@ -242,3 +247,123 @@ def test_a_live_run_without_a_heartbeat_is_a_link_error() -> None:
     finally:
         line.close()
         port.close()
+
+
+# Kinds by name: what is built in is there and has what it needs, and what has gone wrong with others is said
+
+
+FIX = "fix the error and try again"
+REGISTRIES = [RECEIVERS, FORMATS, STRATEGIES]
+
+
+def names(of: Registry) -> str:
+    return of.group
+
+
+def toys(**built_in: str) -> Registry:
+    return Registry("toy", "arva_hil.toys", built_in, ("play",), references=True)
+
+
+@pytest.mark.parametrize("registry", REGISTRIES, ids=names)
+def test_everything_built_in_is_there_and_has_what_it_needs(registry: Registry) -> None:
+    for name in registry:
+        assert registry._unfit(registry[name]) == ""
+
+
+def test_listing_what_there_is_imports_none_of_it() -> None:
+    listing = "import sys; from arva_hil import registry; list(registry.FORMATS); 'flux' in registry.STRATEGIES; "
+    heavy = "print([m for m in ('numpy', 'pymavlink', 'importlib.metadata') if m in sys.modules])"
+    ran = subprocess.run(
+        [sys.executable, "-c", listing + heavy], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert ran.stdout == "[]\n"
+
+
+def test_an_unknown_name_is_answered_with_the_nearest_and_all_there_are() -> None:
+    with pytest.raises(KindError) as error:
+        STRATEGIES["fluks"]
+    assert (
+        str(error.value)
+        == "no strategy 'fluks': did you mean flux? there are flux, extremum, estimate, or MODULE:CLASS"
+    )
+    assert "fluks" not in STRATEGIES
+
+
+@pytest.mark.parametrize(
+    ("reference", "what"),
+    [
+        ("no_such_module:Toy", "there is no module no_such_module: install it, or run this where the file is"),
+        ("mine:Nothing", "mine has no Nothing: write MODULE:CLASS"),
+        ("mine:Tou", "did you mean Toy?"),
+        ("mine:Broken", "'mine:Broken' lacks play: " + FIX),
+        ("mine:Asked", "'mine:Asked' lacks play: " + FIX),
+        ("raises:Toy", r"cannot be imported (RuntimeError: not today): " + FIX),
+        ("needs:Toy", "cannot be imported (ModuleNotFoundError: No module named 'no_such_thing'): " + FIX),
+        ("exits:Toy", "cannot be imported (SystemExit: 5)"),
+        ("half written", "no toy 'half written'"),
+        ("mine:", "is no name of a class: write MODULE:CLASS"),
+        ("../mine:Toy", "is no name of a class"),
+    ],
+)
+def test_a_reference_that_cannot_be_used_says_why(
+    reference: str, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(
+        "from typing import Protocol\n"
+        "class Toy:\n    def play(self): ...\n"
+        "class Broken: ...\n"
+        "class Player(Protocol):\n    def play(self): ...\n"
+        "class Asked(Player): ...\n"
+    )
+    Path("raises.py").write_text("raise RuntimeError('not today')\n")
+    Path("needs.py").write_text("import no_such_thing\n")
+    Path("exits.py").write_text("raise SystemExit(5)\n")
+    try:
+        assert toys()["mine:Toy"].__name__ == "Toy"
+        with pytest.raises(KindError) as error:
+            toys()[reference]
+        assert what in str(error.value)
+        assert "" not in sys.path[-1:]
+    finally:
+        for module in ("mine", "raises", "needs", "exits"):
+            sys.modules.pop(module, None)
+
+
+# Text from outside that is shown: nothing of it is an order to a terminal, a second line, or a formula
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("d 1234 cm +17° … → 'ok'", "d 1234 cm +17° … → 'ok'"),
+        ("\x1b]0;title\x07", r"\x1b]0;title\x07"),
+        ("\x1b[2J\rgone", r"\x1b[2J\rgone"),
+        ("one\ntwo\r\nthree\x0b\x0c\x85\u2028\u2029", r"one\ntwo\r\nthree\x0b\x0c\x85\u2028\u2029"),
+        ("\x9b31m\x7f\0", r"\x9b31m\x7f\x00"),
+        ("a\u202eb\u2066c\u200f\u200b\ufeff", r"a\u202eb\u2066c\u200f\u200b\ufeff"),
+        ("name\udcff\ud800", r"name\udcff\ud800"),
+        ("\U000e0001\ue000", r"\U000e0001\ue000"),
+    ],
+)
+def test_what_is_not_printable_is_escaped(text: str, shown: str) -> None:
+    assert one_line(text) == shown
+
+
+@given(st.text(st.characters(exclude_categories=())))
+def test_every_text_is_one_printable_line(text: str) -> None:
+    shown = one_line(text)
+    assert shown.isprintable()
+    assert one_line(shown) == shown
+    assert shown.encode().decode() == shown
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", " =1", "\t=1", "\r=1", "\n@a"])
+def test_a_cell_is_no_formula(text: str) -> None:
+    assert cell(text)[0] not in "=+-@"
+    assert cell(text).endswith(one_line(text))
+    assert "\n" not in cell(text)
+
+
+def test_a_harmless_cell_stays_as_it_is() -> None:
+    assert cell("configs/paper_case_1.yaml") == "configs/paper_case_1.yaml"

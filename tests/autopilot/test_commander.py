@@ -116,13 +116,18 @@ class Flight:
         self.vehicle.feed(Encoder(255, 190).pack(order), self.now)
 
 
+def flying(vehicle: SimulatedVehicle | Px4, **options: Any) -> Flight:
+    flight = Flight(vehicle, **options)
+    flight.reach(Phase.FLYING)
+    return flight
+
+
 # -- a flight ----------------------------------------------------------------------------------------------
 
 
 @BOTH
 def test_it_takes_off_follows_a_velocity_with_its_heading_kept_and_lands(make: Callable[[], Any]) -> None:
-    flight = Flight(make())
-    flight.reach(Phase.FLYING)
+    flight = flying(make())
     flight.pass_s(2)
     assert -flight.vehicle.truth(flight.now).ned[2] == pytest.approx(2.0, abs=2.0)
     flight.commander.steer((1.0, -0.5, 0.0))
@@ -148,8 +153,7 @@ def test_it_takes_off_follows_a_velocity_with_its_heading_kept_and_lands(make: C
     ],
 )
 def test_each_autopilot_gets_its_own_orders_in_its_own_order(make: Callable[[], Any], orders: list[Any]) -> None:
-    flight = Flight(make())
-    flight.reach(Phase.FLYING)
+    flight = flying(make())
     flight.pass_s(5)
     flight.commander.land(flight.now)
     flight.reach(Phase.ENDED)
@@ -158,8 +162,7 @@ def test_each_autopilot_gets_its_own_orders_in_its_own_order(make: Callable[[], 
 
 @pytest.mark.parametrize("step", [0.05, 0.13, 0.2])
 def test_px4_is_told_to_follow_set_points_once_they_flow_and_they_never_pause(step: float) -> None:
-    flight = Flight(px4(), step=step)
-    flight.reach(Phase.FLYING)
+    flight = flying(px4(), step=step)
     flight.until(lambda: flight.vehicle.mode == OFFBOARD)
     first, *_ = [at for at, m in flight.sent if m.get_type() == "COMMAND_LONG" and m.param2 == 6]
     assert flight.set_points[0][0] <= first - 0.9
@@ -179,15 +182,13 @@ def test_px4_is_told_to_follow_set_points_once_they_flow_and_they_never_pause(st
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
 def test_until_it_lands_it_is_told_to_stand_still(autopilot: int) -> None:
-    told = Told(autopilot)
-    told.reach(Phase.FLYING)
+    told = at(Phase.FLYING, autopilot)
     told.commander.steer((1.0, 0.5, -0.25))
     told.commander.land(told.now)
     still = [(m.vx, m.vy, m.vz) for m in told.hear(3.0) if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     assert len(still) > 10
     assert set(still) == {(0.0, 0.0, 0.0)}
-    told.beat(told.land, armed=True)
-    assert told.hear(10.0) == []
+    assert told.beat(told.land, armed=True).hear(10.0) == []
 
 
 def test_no_set_point_breaks_off_the_take_off() -> None:
@@ -198,8 +199,7 @@ def test_no_set_point_breaks_off_the_take_off() -> None:
 
 
 def test_a_set_point_is_a_velocity_and_a_heading_and_nothing_else() -> None:
-    flight = Flight(ardupilot())
-    flight.reach(Phase.FLYING)
+    flight = flying(ardupilot())
     flight.commander.steer((0.5, -0.25, 0.125))
     flight.pass_s(1)
     m = flight.set_points[-1][1]
@@ -212,8 +212,7 @@ def test_a_set_point_is_a_velocity_and_a_heading_and_nothing_else() -> None:
 @BOTH
 @pytest.mark.parametrize("height", [0.5, 20.0])
 def test_any_height_is_climbed_to(make: Callable[[], Any], height: float) -> None:
-    flight = Flight(make(), take_off_m=height)
-    flight.reach(Phase.FLYING)
+    flight = flying(make(), take_off_m=height)
     flight.pass_s(3)
     climbed = -flight.vehicle.truth(flight.now).ned[2]
     assert climbed > 0.8 * height
@@ -246,21 +245,24 @@ class Told:
         encoder = self._encoders.setdefault(source, Encoder(*source))
         self.commander.on_packets(self.session.feed(encoder.pack(message), self.now), self.now)
 
-    def beat(self, mode: int, *, armed: bool = False, source: tuple[int, int] = (1, 1), autopilot: int = -1) -> None:
+    def beat(self, mode: int, *, armed: bool = False, source: tuple[int, int] = (1, 1), autopilot: int = -1) -> Told:
         if source == (1, 1) and autopilot < 0:
             self._state = {"mode": mode, "armed": armed}
         autopilot = self.autopilot if autopilot < 0 else autopilot
         kind = dialect.MAV_TYPE_QUADROTOR
         self.say(dialect.MAVLink_heartbeat_message(kind, autopilot, 128 * armed, mode, 4, 3), source)
+        return self
 
-    def fly_at(self, height: float) -> None:
+    def fly_at(self, height: float) -> Told:
         boot = round(self.now * 1e3)
         lat, lon, alt = (round(v * s) for v, s in zip(HOME, (1e7, 1e7, 1e3), strict=True))
         self.say(dialect.MAVLink_attitude_message(boot, 0, 0, 0.3, 0, 0, 0))
         self.say(dialect.MAVLink_global_position_int_message(boot, lat, lon, alt + round(height * 1e3), 0, 0, 0, 0, 30))
+        return self
 
-    def ack(self, command: int, result: int, target: tuple[int, int] = (1, US)) -> None:
+    def ack(self, command: int, result: int, target: tuple[int, int] = (1, US)) -> Told:
         self.say(dialect.MAVLink_command_ack_message(command, result, 0, 0, *target))
+        return self
 
     def hear(self, after_s: float = 0.0) -> list[Any]:
         """What it is told in the next `after_s` seconds."""
@@ -274,8 +276,18 @@ class Told:
                 return said
             self.now = min(self.now + 0.1, end)
 
+    def after(self, seconds: float) -> Told:
+        self.hear(seconds)
+        return self
+
     def commands(self, after_s: float = 0.0) -> list[tuple[int, float]]:
         return [(m.command, m.param1) for m in self.hear(after_s) if m.get_type() == "COMMAND_LONG"]
+
+    @property
+    def lost_by(self) -> str:
+        """Why it is lost, in words."""
+        assert self.commander.phase is Phase.LOST
+        return in_words(self.commander.why)
 
     def reach(self, phase: Phase) -> None:
         """By what an autopilot says that does as it is told."""
@@ -304,6 +316,13 @@ class Told:
         assert commander.phase is phase
 
 
+def at(phase: Phase, *given: Any, **options: Any) -> Told:
+    """A commander that has come so far."""
+    told = Told(*given, **options)
+    told.reach(phase)
+    return told
+
+
 ON = (Phase.ARMING, Phase.CLIMBING, Phase.FLYING, Phase.LANDING, Phase.HOLDING)
 PILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
 
@@ -330,27 +349,21 @@ def test_an_acknowledgement_is_not_the_deed(autopilot: int) -> None:
         told.ack(ARM, ACCEPTED)
         told.beat(told.hold)
     assert told.commander.phase is Phase.ARMING
-    told.beat(told.hold, armed=True)
-    assert told.commands()[0][0] == NAV_TAKE_OFF
-    told.ack(NAV_TAKE_OFF, ACCEPTED)
-    assert told.commands(4.8) == []  # it may take its time to spin up
+    assert told.beat(told.hold, armed=True).commands()[0][0] == NAV_TAKE_OFF
+    assert told.ack(NAV_TAKE_OFF, ACCEPTED).commands(4.8) == []  # it may take its time to spin up
     assert NAV_TAKE_OFF in dict(told.commands(0.4))
     told.beat(told.take_off, armed=True)
-    told.fly_at(0.6)
-    assert told.commands(10.0) == []
+    assert told.fly_at(0.6).commands(10.0) == []
     told.fly_at(5.0)
     told.hear(2.0)
-    told.beat(told.steer, armed=True)
-    assert told.commander.phase is Phase.FLYING
+    assert told.beat(told.steer, armed=True).commander.phase is Phase.FLYING
     told.commander.land(told.now)
     for _ in range(3):
         assert told.commands(1.0)[0] == (NAV_LAND, 0)
         told.ack(NAV_LAND, ACCEPTED)
         told.beat(told.steer, armed=True)
-    told.beat(told.land, armed=True)
-    assert told.hear(3.0) == []
-    told.beat(told.land)
-    assert told.commander.phase is Phase.ENDED
+    assert told.beat(told.land, armed=True).hear(3.0) == []
+    assert told.beat(told.land).commander.phase is Phase.ENDED
 
 
 def test_the_second_acknowledgement_of_px4_is_the_one_that_is_told() -> None:
@@ -361,13 +374,11 @@ def test_the_second_acknowledgement_of_px4_is_the_one_that_is_told() -> None:
         told.ack(SET_MODE, ACCEPTED)
         told.ack(SET_MODE, DENIED)
         told.beat(POSITION)
-    assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "the vehicle does not arm: setting the mode: DENIED"
+    assert told.lost_by == "the vehicle does not arm: setting the mode: DENIED"
 
 
 def test_a_refused_take_off_is_tried_again_at_once() -> None:
-    told = Told()
-    told.reach(Phase.CLIMBING)
+    told = at(Phase.CLIMBING)
     for _ in range(3):
         assert (NAV_TAKE_OFF, 0) in told.commands(1.0)
         told.ack(NAV_TAKE_OFF, FAILED)
@@ -382,8 +393,7 @@ def test_a_refused_take_off_is_tried_again_at_once() -> None:
     ],
 )
 def test_what_is_answered_to_us_or_to_all_counts_and_no_other_answer(targets: list[tuple[int, int]], why: str) -> None:
-    told = Told(arm_timeout_s=5.0)
-    told.reach(Phase.ARMING)
+    told = at(Phase.ARMING, arm_timeout_s=5.0)
     for target in targets:
         told.ack(ARM, DENIED, target)
         told.ack(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, FAILED, target)
@@ -415,29 +425,14 @@ def test_it_says_why_it_does_not_arm() -> None:
         told.hear(3.0)
     texts = [event.text for event in told.session.take_events() if isinstance(event, AutopilotText)]
     assert texts == ["PreArm: said before the launch", "Arm: Throttle too high", reason]
-    told.hear(20.0)
-    assert told.commander.phase is Phase.LOST
+    assert told.after(20.0).commander.phase is Phase.LOST
     why = f"arming: FAILED; PreArm: said before the launch; Arm: Throttle too high; {reason}"
     assert in_words(told.commander.why) == f"the vehicle does not arm: {why}"
     assert told.hear(100.0) == []
 
 
-def test_px4_without_a_text_says_why_by_its_status() -> None:
-    flight = Flight(px4(healthy=False), arm_timeout_s=8.0)
-    flight.reach(Phase.LOST)
-    assert (
-        in_words(flight.commander.why)
-        == "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro, rc receiver"
-    )
-    flight = Flight(px4(healthy=False))
-    flight.pass_s(10)
-    flight.vehicle.healthy = True  # type: ignore[union-attr]
-    flight.reach(Phase.FLYING)
-
-
 def test_a_refused_arming_is_not_repeated_in_a_hurry() -> None:
-    told = Told(arm_timeout_s=60.0)
-    told.reach(Phase.ARMING)
+    told = at(Phase.ARMING, arm_timeout_s=60.0)
     sent = []
     for _ in range(50):
         sent += told.commands(1.0)
@@ -468,14 +463,12 @@ def test_a_climb_that_does_not_end_is_landed(autopilot: int) -> None:
     assert NAV_LAND not in dict(told.commands(34.0))
     assert (NAV_LAND, 0) in told.commands(2.0)
     told.beat(told.land, armed=True)
-    told.beat(told.land)
-    assert told.commander.phase is Phase.ENDED
+    assert told.beat(told.land).commander.phase is Phase.ENDED
     assert in_words(told.commander.why) == "the vehicle does not take off: take-off: FAILED"
 
 
 def test_px4_that_does_not_follow_set_points_is_landed() -> None:
-    told = Told(PX4)
-    told.reach(Phase.CLIMBING)
+    told = at(Phase.CLIMBING, PX4)
     told.fly_at(5.0)
     told.hear(2.0)
     for _ in range(12):
@@ -491,14 +484,10 @@ def test_px4_that_does_not_follow_set_points_is_landed() -> None:
 
 @PILOTS
 def test_a_landing_that_does_not_end_is_given_up(autopilot: int) -> None:
-    told = Told(autopilot)
-    told.reach(Phase.LANDING)
+    told = at(Phase.LANDING, autopilot)
     told.beat(told.land, armed=True)
-    told.hear(95.0)
-    assert told.commander.phase is Phase.LANDING  # 4.9 m take a little longer
-    told.hear(10.0)
-    assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "the vehicle does not land: it gives no reason"
+    assert told.after(95.0).commander.phase is Phase.LANDING  # 4.9 m take a little longer
+    assert told.after(10.0).lost_by == "the vehicle does not land: it gives no reason"
 
 
 @pytest.mark.parametrize(
@@ -531,50 +520,41 @@ TAKE_OVERS = [
 @pytest.mark.parametrize("phase", ON)
 @every("autopilot, mode, name", TAKE_OVERS)
 def test_a_mode_that_was_not_ordered_ends_all_orders(phase: Phase, autopilot: int, mode: int, name: str) -> None:
-    told = Told(autopilot)
-    told.reach(phase)
-    told.beat(mode, armed=phase is not Phase.ARMING)
-    assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == f"the mode is {name}: the pilot or a failsafe has taken over"
+    told = at(phase, autopilot)
+    assert (
+        told.beat(mode, armed=phase is not Phase.ARMING).lost_by
+        == f"the mode is {name}: the pilot or a failsafe has taken over"
+    )
     told.commander.steer((1.0, 0.0, 0.0))
     told.commander.land(told.now)
     told.commander.hold(told.now)
     told.beat(told.hold, armed=True)
-    told.beat(told.steer, armed=True)
-    assert told.hear(60.0) == []
+    assert told.beat(told.steer, armed=True).hear(60.0) == []
 
 
 @pytest.mark.parametrize("phase", [Phase.FLYING, Phase.LANDING])
 def test_hold_is_a_take_over_of_px4_too(phase: Phase) -> None:
-    told = Told(PX4)
-    told.reach(phase)
+    told = at(phase, PX4)
     told.beat(HOLD, armed=True)
-    assert told.commander.phase is Phase.LOST
-    assert "the mode is hold" in in_words(told.commander.why)
+    assert "the mode is hold" in told.lost_by
 
 
 @pytest.mark.parametrize("height", [0.2, 0.7, 2.5, 4.3])
 def test_hold_is_a_take_over_in_the_climb_at_any_height(height: float) -> None:
-    told = Told(PX4)
-    told.reach(Phase.CLIMBING)
-    told.fly_at(height)
-    assert told.hear(0.3) is not None
-    told.beat(HOLD, armed=True)
-    assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "the mode is hold: the pilot or a failsafe has taken over"
+    told = at(Phase.CLIMBING, PX4)
+    assert told.fly_at(height).hear(0.3) is not None
+    assert told.beat(HOLD, armed=True).lost_by == "the mode is hold: the pilot or a failsafe has taken over"
     assert told.hear(60.0) == []
 
 
 def test_before_px4_has_said_that_it_takes_off_hold_is_the_mode_that_it_armed_in() -> None:
-    told = Told(PX4)
-    told.reach(Phase.ARMING)
+    told = at(Phase.ARMING, PX4)
     told.hear(0.6)
     told.beat(HOLD, armed=True)
     assert NAV_TAKE_OFF in dict(told.commands(2.0))
     assert told.commander.phase is Phase.CLIMBING
     told.fly_at(0.7)
-    told.beat(HOLD, armed=True)
-    assert told.commander.phase is Phase.LOST
+    assert told.beat(HOLD, armed=True).commander.phase is Phase.LOST
 
 
 @pytest.mark.parametrize("height", [0.5, 2.0, 5.0])
@@ -585,30 +565,9 @@ def test_px4_never_ends_its_take_off_by_itself(height: float) -> None:
     assert [mode for mode, _ in groupby(modes)] == [POSITION, HOLD, TAKE_OFF, OFFBOARD]
 
 
-@BOTH
-@pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.FLYING, Phase.LANDING])
-def test_the_pilot_flies_on_undisturbed(make: Callable[[], Any], phase: Phase) -> None:
-    flight = Flight(make(), take_off_m=10.0)
-    flight.reach(Phase.CLIMBING if phase is Phase.CLIMBING else Phase.FLYING)
-    flight.commander.steer((1.0, 0.0, 0.0))
-    flight.pass_s(3)
-    if phase is Phase.LANDING:
-        flight.commander.land(flight.now)
-        flight.pass_s(3)
-    flight.pilot(HOLD if isinstance(flight.vehicle, Px4) else Mode.LOITER)
-    flight.until(lambda: flight.commander.phase is Phase.LOST, 1.2)
-    count = len(flight.sent)
-    flight.pass_s(5)
-    before = flight.vehicle.truth(flight.now).ned
-    flight.pass_s(5)
-    assert flight.vehicle.truth(flight.now).ned == pytest.approx(before, abs=0.1)
-    assert len(flight.sent) == count
-
-
 @pytest.mark.parametrize("phase", ON)
 def test_what_others_say_changes_nothing(phase: Phase) -> None:
-    told = Told(arm_timeout_s=60.0)
-    told.reach(phase)
+    told = at(phase, arm_timeout_s=60.0)
     before = repr({k: v for k, v in vars(told.commander).items() if k != "_session"})
     text = dialect.MAVLink_statustext_message(2, b"PreArm: not mine")
     ack = dialect.MAVLink_command_ack_message(ARM, DENIED, 0, 0, 1, US)
@@ -627,26 +586,20 @@ def test_somebody_else_arms_it() -> None:
     told = Told()
     told.commander.launch(told.now)
     told.hear()
-    told.beat(Mode.STABILIZE, armed=True)
-    assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "another program or person has armed it, in STABILIZE"
+    assert told.beat(Mode.STABILIZE, armed=True).lost_by == "another program or person has armed it, in STABILIZE"
     assert told.hear(10.0) == []
 
 
 @pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.FLYING, Phase.HOLDING])
 def test_it_is_disarmed(phase: Phase) -> None:
-    told = Told()
-    told.reach(phase)
-    told.beat(told.steer)
-    assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "it was disarmed; the mode is GUIDED"
+    told = at(phase)
+    assert told.beat(told.steer).lost_by == "it was disarmed; the mode is GUIDED"
     assert told.hear(10.0) == []
 
 
 @pytest.mark.parametrize("phase", ON)
 def test_let_go_is_for_good(phase: Phase) -> None:
-    told = Told()
-    told.reach(phase)
+    told = at(phase)
     told.commander.let_go()
     told.beat(told.hold, armed=True)
     told.commander.land(told.now)
@@ -656,57 +609,23 @@ def test_let_go_is_for_good(phase: Phase) -> None:
 # -- broken off --------------------------------------------------------------------------------------------
 
 
-@BOTH
-@pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.FLYING])
-def test_hold_leaves_it_hovering(make: Callable[[], Any], phase: Phase) -> None:
-    flight = Flight(make(), take_off_m=10.0)
-    flight.reach(phase)
-    flight.commander.steer((3.0, 0.0, 0.0))
-    flight.pass_s(4)
-    flight.commander.hold(flight.now)
-    flight.reach(Phase.ENDED)
-    count = len(flight.sent)
-    assert [(m.vx, m.vy, m.vz) for _, m in flight.set_points[-2:]] == [(0.0, 0.0, 0.0)] * 2
-    flight.pass_s(4)
-    before = flight.vehicle.truth(flight.now).ned
-    assert before[2] < -1.5
-    flight.pass_s(10)
-    assert flight.vehicle.truth(flight.now).ned == pytest.approx(before, abs=0.1)
-    assert len(flight.sent) == count
-
-
-@BOTH
-def test_a_landing_goes_on_when_it_is_told_to_hold(make: Callable[[], Any]) -> None:
-    flight = Flight(make(), take_off_m=5.0)
-    flight.reach(Phase.FLYING)
-    flight.commander.land(flight.now)
-    flight.pass_s(2)
-    flight.commander.hold(flight.now)
-    flight.reach(Phase.ENDED)
-    assert flight.vehicle.truth(flight.now).ned[2] == pytest.approx(0.0, abs=0.05)
-
-
 def test_a_hold_that_is_refused_is_given_up() -> None:
-    told = Told(PX4)
-    told.reach(Phase.HOLDING)
+    told = at(Phase.HOLDING, PX4)
     for _ in range(6):
         told.ack(SET_MODE, DENIED)
         told.beat(OFFBOARD, armed=True)
         told.hear(1.0)
-    assert told.commander.phase is Phase.LOST
-    assert in_words(told.commander.why) == "the vehicle does not hover: setting the mode: DENIED"
+    assert told.lost_by == "the vehicle does not hover: setting the mode: DENIED"
 
 
 @pytest.mark.parametrize("order", [Commander.hold, Commander.land])
 def test_on_the_ground_it_is_disarmed(order: Callable[[Commander, float], None]) -> None:
-    told = Told()
-    told.reach(Phase.ARMING)
+    told = at(Phase.ARMING)
     order(told.commander, told.now)
     assert told.commands() == [(ARM, 0)]
     told.beat(told.hold, armed=True)  # the order to arm was on its way
     assert told.commands(1.1) == [(ARM, 0)]
-    told.beat(told.hold)
-    assert told.commander.phase is Phase.ENDED
+    assert told.beat(told.hold).commander.phase is Phase.ENDED
     assert told.hear(10.0) == []
 
 
@@ -716,8 +635,7 @@ def test_it_is_disarmed_in_whatever_mode_it_still_is() -> None:
     told.beat(POSITION)
     told.commander.hold(told.now)
     assert told.commands(0.3) == [(ARM, 0)]
-    told.hear(1.0)
-    assert told.commander.phase is Phase.ENDED
+    assert told.after(1.0).commander.phase is Phase.ENDED
 
 
 # -- whatever comes ----------------------------------------------------------------------------------------
@@ -727,8 +645,7 @@ HEARD = [0, 1, 77, 253]
 
 @given(st.sampled_from(ON), st.lists(st.tuples(st.sampled_from(HEARD), st.binary(max_size=60)), max_size=8))
 def test_no_values_of_the_vehicle_make_it_raise(phase: Phase, said: list[tuple[int, bytes]]) -> None:
-    told = Told(PX4)
-    told.reach(phase)
+    told = at(phase, PX4)
     for msgid, payload in said:
         told.now += 0.7
         head = bytes([len(payload), 0, 0, 0, 1, 1]) + msgid.to_bytes(3, "little")

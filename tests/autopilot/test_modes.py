@@ -82,7 +82,6 @@ def test_a_take_off_is_above_home_for_arducopter_and_above_the_sea_and_higher_fo
     for modes, level in ((ARDUCOPTER, height), (PX4, ground + height + 2.5)):
         (packet,) = parser.feed(encoder.pack(modes.to_take_off(vehicle(), height, ground)))
         message = decode(packet)
-        assert message is not None
         assert message.param7 == pytest.approx(level, abs=1e-3)
         place = message.param4, message.param5, message.param6
         assert all(map(math.isnan, place)) if modes is PX4 else place == (0, 0, 0)

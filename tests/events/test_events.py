@@ -1,4 +1,4 @@
-"""Events are frozen dataclasses, though only their root has the decorator."""
+"""Events and reasons are frozen values, and each has its words."""
 
 from __future__ import annotations
 
@@ -543,7 +543,6 @@ def test_an_event_in_words(event: Event, level: Any, text: str) -> None:
 def test_that_there_is_no_vehicle_is_how_a_run_with_one_ends_and_news_where_there_are_others() -> None:
     assert sentence(UNSAID) is None
     told = sentence(UNSAID, named=True)
-    assert told is not None
     assert told.text.startswith("vehicle: 150 bytes came, but no MAVLink packet")
     assert "waiting" not in told.text  # it is said at the end of a log and of a run too
 

@@ -22,7 +22,6 @@ from firmware_proto.measured import MeasuredMessage
 
 FOLDER = Path(firmware_proto.__file__).parent / "ardupilot"
 VM_I_COUNT = 10_000
-SERIAL_SCRIPTING = 28
 
 GUIDED = 4
 LOITER = 5
@@ -68,7 +67,7 @@ local function uint32(value)
    return {toint = function() return value end}
 end
 
-sandbox.millis = function() return uint32(stubs.millis()) end
+sandbox.millis = function() return uint32(stubs.time_ms) end
 sandbox.Parameter = function()
    local name
    return {
@@ -113,6 +112,10 @@ local function vector(x, y, z)
    return {x = axis(1), y = axis(2), z = axis(3)}
 end
 
+local function state(name)
+   return function() return stubs[name] end
+end
+
 local function by_name(calls, ...)
    for _, name in ipairs({...}) do
       calls[name] = stubs[name]
@@ -121,7 +124,7 @@ local function by_name(calls, ...)
 end
 
 sandbox.Vector3f = function() return vector(0.0, 0.0, 0.0) end
-sandbox.ahrs = by_name({
+sandbox.ahrs = {
    get_relative_position_NED_origin = function()
       if stubs.has_position then
          return vector(stubs.position[0], stubs.position[1], stubs.position[2])
@@ -144,17 +147,24 @@ sandbox.ahrs = by_name({
          end,
       }
    end,
-}, "get_roll_rad", "get_pitch_rad", "get_yaw_rad", "get_relative_position_D_home")
+   get_relative_position_D_home = function() return stubs.position[2] - stubs.home_down end,
+   get_roll_rad = state("roll"),
+   get_pitch_rad = state("pitch"),
+   get_yaw_rad = state("yaw"),
+}
 sandbox.vehicle = by_name({
    set_target_velaccel_NED = function(_, velocity, acceleration, ...)
       assert(acceleration:x() == 0 and acceleration:y() == 0 and acceleration:z() == 0)
       return stubs.set_velocity(velocity:x(), velocity:y(), velocity:z(), ...)
    end,
    set_target_pos_NED = function(_, place, ...) return stubs.set_place(place:x(), place:y(), place:z(), ...) end,
-}, "get_mode", "set_mode", "get_likely_flying", "is_taking_off")
-sandbox.arming = by_name({}, "is_armed")
-sandbox.battery = by_name({}, "has_failsafed")
-sandbox.fence = by_name({}, "get_breaches")
+   get_mode = state("mode"),
+   get_likely_flying = state("flying"),
+   is_taking_off = state("taking_off"),
+}, "set_mode")
+sandbox.arming = {is_armed = state("armed")}
+sandbox.battery = {has_failsafed = state("failsafed")}
+sandbox.fence = {get_breaches = state("breaches")}
 sandbox.rangefinder = by_name({}, "status_orient", "distance_orient")
 sandbox.terrain = by_name({}, "height_above_terrain")
 sandbox.rc = by_name({
@@ -162,7 +172,8 @@ sandbox.rc = by_name({
       local read = function() return stubs.stick(number) end
       return {norm_input_dz = read, norm_input_ignore_trim = read}
    end,
-}, "has_valid_input", "get_aux_cached")
+   has_valid_input = state("rc"),
+}, "get_aux_cached")
 
 local function limited(run, limit)
    local over = false
@@ -275,6 +286,11 @@ class Autopilot:
         """Bytes come to the port."""
         self._line.extend(data)
 
+    def give(self, data: bytes, ms: int) -> None:
+        """Bytes come to the port, and so much time passes."""
+        self.receive(data)
+        self.run(self.time_ms + ms)
+
     def run(self, until_ms: int) -> None:
         """Pass after pass as the script asked for them, up to a time."""
         while self._next is not None and self._next_ms <= until_ms:
@@ -295,9 +311,6 @@ class Autopilot:
             self._next_ms = self.time_ms + delay
 
     # what a script does
-
-    def millis(self) -> int:
-        return self.time_ms
 
     def has_param(self, name: str) -> bool:
         return name in self.params
@@ -370,18 +383,6 @@ class Autopilot:
         self.written.append((self.time_ms, byte))
         return 1
 
-    def get_roll_rad(self, _: Any) -> float:
-        return self.roll
-
-    def get_pitch_rad(self, _: Any) -> float:
-        return self.pitch
-
-    def get_yaw_rad(self, _: Any) -> float:
-        return self.yaw
-
-    def get_relative_position_D_home(self, _: Any) -> float:  # noqa: N802
-        return self.position[2] - self.home_down
-
     def set_velocity(
         self, n: float, e: float, d: float, use_yaw: bool, yaw: float, use_rate: bool, rate: float, relative: bool
     ) -> bool:
@@ -399,27 +400,9 @@ class Autopilot:
         self.place = tuple(ned)
         return self.mode == GUIDED
 
-    def get_mode(self, _: Any) -> int:
-        return self.mode
-
     def set_mode(self, _: Any, mode: int) -> bool:
         self.mode = mode
         return True
-
-    def get_likely_flying(self, _: Any) -> bool:
-        return self.flying
-
-    def is_taking_off(self, _: Any) -> bool:
-        return self.taking_off
-
-    def is_armed(self, _: Any) -> bool:
-        return self.armed
-
-    def has_failsafed(self, _: Any) -> bool:
-        return self.failsafed
-
-    def get_breaches(self, _: Any) -> int:
-        return self.breaches
 
     def status_orient(self, _: Any, orientation: int) -> int:
         assert orientation == 25
@@ -436,9 +419,6 @@ class Autopilot:
 
     def stick(self, number: int) -> float:
         return self.sticks[_STICKS[number - 1]]
-
-    def has_valid_input(self, _: Any) -> bool:
-        return self.rc
 
     def get_aux_cached(self, _: Any, function: int) -> int | None:
         return self.switches.get(function)

@@ -335,6 +335,11 @@ class Px4:
     def run(self, ms):
         return bool(self.library.run(ms))
 
+    def give(self, raw, ms):
+        """Bytes come to the port, and so much time passes."""
+        self.receive(raw)
+        self.run(ms)
+
     def said(self):
         return self.library.text().decode().splitlines()
 

@@ -4,13 +4,9 @@ import math
 import os
 from random import Random
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.every import every
 from tests.firmware_proto.lua_stubs import Autopilot, LuaDecoder, LuaMessageDecoder
-from tests.firmware_proto.wire_reference import FRAMES, Reference
 from tests.firmware_proto.wire_vectors import FRAMES as VECTOR_FRAMES
 from tests.firmware_proto.wire_vectors import MESSAGES, VECTORS, by_name, follow, follow_messages
 from tools.codecs.c_messages import python_decoder
@@ -18,8 +14,6 @@ from tools.codecs.random_streams import SECONDS, message_streams, streams
 
 STREAMS = int(os.environ.get("ARVA_HIL_LUA_STREAMS", "200"))
 COUNTERS = ("good", "bad_crc", "dropped", "lost")
-PAUSES_MS = (0, 0, 1, 3, 20, 40, 60, 99, 100, 101, 1000, 70_000)
-PIECES = [bytes.fromhex(text) for text in ("A4", "A457", "A45701", "A4570163", "A4570163000010", "A4570109", "")]
 
 autopilot = Autopilot()
 
@@ -76,28 +70,6 @@ def test_python_and_lua_make_the_same_of_the_same_bytes():
         refused += python.dropped
     assert heard > STREAMS / 2
     assert refused > 10 * STREAMS
-
-
-@given(st.lists(FRAMES, min_size=1, max_size=4), st.integers(1, 60))
-def test_frames_cut_anywhere(frames, size):
-    decoder = LuaDecoder(autopilot)
-    data = b"".join(map(encode, frames))
-    heard = [frame for at in range(0, len(data), size) for frame in decoder.feed(data[at : at + size], 0.0)]
-    assert heard == frames
-    assert (decoder.counters["dropped"], decoder.counters["bad_crc"]) == (0, 0)
-
-
-@given(st.lists(st.sampled_from(PIECES) | st.binary(max_size=20) | FRAMES.map(encode), max_size=6), st.data())
-def test_any_stream_is_decoded_as_the_rules_read(pieces, data):
-    decoder, reference, now = LuaDecoder(autopilot), Reference(), 0
-    raw = b"".join(pieces)
-    while raw:
-        size, pause = data.draw(st.tuples(st.integers(1, 40), st.sampled_from([0, 3, 70, 200])))
-        now += pause
-        heard = decoder.feed_ms(raw[:size], now)
-        assert [frame.sequence for frame in heard] == [whole[4] for whole in reference.feed(raw[:size], now * SECONDS)]
-        raw = raw[size:]
-    assert (decoder.counters["dropped"], decoder.counters["bad_crc"]) == (reference.dropped, reference.bad_crc)
 
 
 def test_the_time_of_a_frame_is_that_of_its_last_byte_not_of_its_delivery():

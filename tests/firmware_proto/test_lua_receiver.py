@@ -44,8 +44,7 @@ def feed(autopilot, hertz, seconds, channels=FOUR[:1], first=0):
         start = autopilot.time_ms
         data = raw(first + k, channels)
         for at in range(0, len(data), 46):
-            autopilot.receive(data[at : at + 46])
-            autopilot.run(autopilot.time_ms + 4)
+            autopilot.give(data[at : at + 46], 4)
         autopilot.run(start + round(1000 / hertz))
 
 
@@ -66,8 +65,7 @@ def test_the_first_channel_goes_to_the_ground_station_with_each_frame(autopilot)
     for k, (channel, *values) in enumerate(
         [(FOUR[0], 85, 0, 3, 2), (FOUR[1], 1250, -35, 1, 1), (FOUR[2], 4020, 17, 2, 1), (FOUR[3], -1, -1, 255, 0)]
     ):
-        autopilot.receive(raw(k, (channel, *FOUR)))
-        autopilot.run(autopilot.time_ms + 20)
+        autopilot.give(raw(k, (channel, *FOUR)), 20)
         assert dict(autopilot.floats) == dict(
             zip(("ARVA1_D", "ARVA1_DIR", "ARVA1_ID", "ARVA1_ZONE"), values, strict=True)
         )
@@ -76,8 +74,7 @@ def test_the_first_channel_goes_to_the_ground_station_with_each_frame(autopilot)
 
 
 def test_every_channel_is_logged(autopilot):
-    autopilot.receive(encode(Frame(7, 3, FOUR)))
-    autopilot.run(autopilot.time_ms + 20)
+    autopilot.give(encode(Frame(7, 3, FOUR)), 20)
     logged = [(r["Ch"], r["Id"], r["Zone"], r["Mark"], r["D"], r["Dir"]) for r in rows(autopilot, "ARVA")]
     expected = [(c.id if c.id is not None else 255, c.zone, int(c.marked), c.d, c.delta) for c in FOUR]
     assert logged == [(k + 1, *row) for k, row in enumerate(expected)]
@@ -119,8 +116,7 @@ def test_a_port_where_nothing_comes(autopilot):
 
 
 def test_a_port_where_only_noise_comes(autopilot):
-    autopilot.receive(bytes(500))
-    autopilot.run(autopilot.time_ms + 5000)
+    autopilot.give(bytes(500), 5000)
     assert autopilot.said() == [PREFIX + "no receiver", PREFIX + "500 bytes in no frame: baud rate?"]
 
 
@@ -137,10 +133,8 @@ def test_knocks_at_a_silent_port_and_at_no_other(autopilot):
 @every("cut", range(1, 33))
 def test_unplugged_inside_a_frame_and_plugged_in_again_inside_another(alone, cut):
     autopilot = started(alone)
-    autopilot.receive(raw(1, FOUR) + raw(2, FOUR)[:cut])
-    autopilot.run(autopilot.time_ms + 8000)
-    autopilot.receive(raw(10, FOUR)[cut:])
-    autopilot.run(autopilot.time_ms + 1000)
+    autopilot.give(raw(1, FOUR) + raw(2, FOUR)[:cut], 8000)
+    autopilot.give(raw(10, FOUR)[cut:], 1000)
     feed(autopilot, 1, 2, FOUR, first=11)
     assert [row["Seq"] for row in rows(autopilot, "ARVA")[::4]] == [1, 11, 12]
     assert autopilot.said()[1:] == [
@@ -173,11 +167,9 @@ def test_a_pass_costs_less_than_the_scripting_engine_allows(alone, data, asking)
     autopilot.limit = 8000
     autopilot.start(NAME)
     for at in range(0, len(data), 920):
-        autopilot.receive(data[at : at + 920])
-        autopilot.run(autopilot.time_ms + 10)
+        autopilot.give(data[at : at + 920], 10)
     autopilot.run(autopilot.time_ms + (6000 if asking else 3000))
-    autopilot.receive(raw(200))
-    autopilot.run(autopilot.time_ms + 20)
+    autopilot.give(raw(200), 20)
     assert rows(autopilot, "ARVA")[-1]["Seq"] == 200
     python = Decoder()
     frames = [frame for ms, byte in autopilot.read_log for frame in python.feed(bytes([byte]), ms * (1 + 1e-9) / 1000)]
@@ -202,13 +194,11 @@ def test_a_command_is_sent_once_and_its_answer_said(autopilot):
     autopilot.receive(
         encode_answer(CommandAnswer(9, "mark", "busy")) + raw(2) + encode_answer(CommandAnswer(1, "mark", "done", (3,)))
     )
-    autopilot.receive(raw(3))
-    autopilot.run(autopilot.time_ms + 50)
+    autopilot.give(raw(3), 50)
     assert autopilot.said() == [PREFIX + "mark 3: done 3"]
     assert [row["Seq"] for row in rows(autopilot, "ARVA")] == [0, 1, 2, 3]
     assert ask(autopilot, 1) == encode_command(Command(2, "identify"))
-    autopilot.receive(encode_answer(CommandAnswer(2, "identify", "done", (4,), "paper 1.0 binary")))
-    autopilot.run(autopilot.time_ms + 50)
+    autopilot.give(encode_answer(CommandAnswer(2, "identify", "done", (4,), "paper 1.0 binary")), 50)
     assert autopilot.said() == [PREFIX + "identify: done 4 paper 1.0 binary"]
 
 
@@ -237,8 +227,7 @@ def test_a_restart_is_not_repeated_and_a_second_command_waits(autopilot):
 
 def test_the_longest_answer_fits_a_text(autopilot):
     ask(autopilot, 1)
-    autopilot.receive(ANSWERS)
-    autopilot.run(autopilot.time_ms + 50)
+    autopilot.give(ANSWERS, 50)
     assert autopilot.said() == [PREFIX + f"identify: done 4 {'x' * 32}"[:44]]
 
 

@@ -119,8 +119,7 @@ def test_no_frame_is_lost(started, hertz, n):
     for k in range(6 * hertz):
         data = raw(k, (FOUR * 4)[:n])
         for at in range(0, 105, 53):
-            started.receive(data[at : at + 53])
-            started.run(PASS_MS)
+            started.give(data[at : at + 53], PASS_MS)
         started.run(1000 // hertz - 2 * PASS_MS)
     assert started.sequences == [k % 256 for k in range(6 * hertz)]
     assert {(m.id, m.name) for m in started.published} == {(457, b"arva")}
@@ -129,16 +128,14 @@ def test_no_frame_is_lost(started, hertz, n):
 
 def test_of_several_frames_at_once_each_is_published_in_a_pass_of_its_own(started):
     assert started.library.is_advertised() == 4  # before the first frame, for the logger
-    started.receive(b"".join(raw(k) for k in range(20)))
-    started.run(30 * PASS_MS)
+    started.give(b"".join(raw(k) for k in range(20)), 30 * PASS_MS)
     assert started.sequences == list(range(20))
     times = [message.timestamp for message in started.published]
     assert min(b - a for a, b in pairwise(times)) == started.library.interval_us()
 
 
 def test_each_frame_is_a_reading_of_the_modules_own_topic_too(started):
-    started.receive(raw(5) + raw(7, (Channel(9, 2, -32768, 32767, True),) * 16))
-    started.run(30 * PASS_MS)
+    started.give(raw(5) + raw(7, (Channel(9, 2, -32768, 32767, True),) * 16), 30 * PASS_MS)
     four, sixteen = started.readings
     assert (four.sequence, four.status, four.n) == (5, 1, 4)
     assert list(zip(four.id, four.zone, four.marked, four.d_cm, four.delta_deg, strict=True)) == [
@@ -168,23 +165,20 @@ def test_the_modules_own_topic_has_a_queue_and_the_constants_of_the_wire():
 
 def test_an_emulator_that_restarts_has_lost_no_frames(started):
     for sequence in (27, 28, 0, 1):
-        started.receive(raw(sequence))
-        started.run(100)
+        started.give(raw(sequence), 100)
     assert [reading.lost for reading in started.readings] == [0, 0, 0, 0]
 
 
 def test_frames_thrown_away_when_the_port_is_opened_again_are_not_lost(started):
     for sequence in (183, 184):
-        started.receive(raw(sequence))
-        started.run(100)
+        started.give(raw(sequence), 100)
     started.unplug()
     started.run(3000)
     started.plug()
     started.receive(raw(0) + raw(1))  # before the module has opened it: thrown away
     started.run(500)
     for sequence in (21, 22, 24):
-        started.receive(raw(sequence))
-        started.run(100)
+        started.give(raw(sequence), 100)
     assert [(reading.sequence, reading.lost) for reading in started.readings] == [
         (183, 0), (184, 0), (21, 0), (22, 0), (24, 1),
     ]  # fmt: skip
@@ -194,16 +188,14 @@ def test_counters_are_in_the_array(started):
     broken = bytearray(raw(1))
     broken[-1] ^= 1
     for data in (raw(0), b"x", bytes(broken), raw(5)):
-        started.receive(data)
-        started.run(100)
+        started.give(data, 100)
     data = started.published[-1].data
     assert (value(data, "lost"), value(data, "bad_crc"), value(data, "dropped")) == (4, 1, 34)
 
 
 @pytest.mark.parametrize("noisy", [True, False], ids=["error", "silence"])
 def test_a_receiver_is_lost_after_two_seconds_and_comes_back(started, noisy):
-    started.receive(raw(0))
-    started.run(PASS_MS)
+    started.give(raw(0), PASS_MS)
     started.unplug(noisy)
     started.said()
     started.run(2000)
@@ -214,8 +206,7 @@ def test_a_receiver_is_lost_after_two_seconds_and_comes_back(started, noisy):
     assert started.said() == []
     started.plug()
     started.run(500)
-    started.receive(raw(1))
-    started.run(PASS_MS)
+    started.give(raw(1), PASS_MS)
     assert started.said() == ["i ARVA: receiver found, channels: 4"]
     assert started.sequences == [0, 1]
 
@@ -226,8 +217,7 @@ def test_a_port_that_appears_later_is_opened(px4):
     assert px4.said() == ["w ARVA: no receiver"]
     px4.plug()
     px4.run(500)
-    px4.receive(raw(0))
-    px4.run(PASS_MS)
+    px4.give(raw(0), PASS_MS)
     assert px4.sequences == [0]
 
 
@@ -236,8 +226,7 @@ def test_a_port_that_fails_is_opened_again_within_half_a_second(started):
     started.run(PASS_MS)
     started.plug()
     started.run(500)
-    started.receive(raw(0))
-    started.run(PASS_MS)
+    started.give(raw(0), PASS_MS)
     assert started.sequences == [0]
 
 
@@ -251,14 +240,12 @@ def test_what_waited_in_the_port_is_thrown_away(px4):
 
 def test_bytes_that_are_no_frames_are_said(started):
     for _ in range(20):
-        started.receive(b"85,0\r\n")
-        started.run(100)
+        started.give(b"85,0\r\n", 100)
     assert started.said() == ["w ARVA: no frames, only 120 bytes: baud rate?"]
 
 
 def test_status(started):
-    started.receive(raw(7))
-    started.run(40)
+    started.give(raw(7), 40)
     started.said()
     started.command("status")
     assert started.said() == [
@@ -274,8 +261,7 @@ def test_status(started):
 
 
 def test_status_is_of_one_moment_though_the_next_frame_comes_while_it_is_printed(started):
-    started.receive(raw(7))
-    started.run(40)
+    started.give(raw(7), 40)
     started.said()
     started.receive(raw(8, FOUR[:1]))
     started.library.run_in_next_line()
@@ -321,8 +307,7 @@ def answer(number, name, result, *values, text=""):
 
 
 def test_a_command_of_the_shell_is_sent_and_its_answer_published(started):
-    started.receive(raw(1))
-    started.run(PASS_MS)
+    started.give(raw(1), PASS_MS)
     started.said()
     assert started.command("command", "mark", "3") == 0
     assert started.sent() == b""  # the work queue writes it
@@ -330,8 +315,9 @@ def test_a_command_of_the_shell_is_sent_and_its_answer_published(started):
     assert started.sent() == encode_command(Command(1, "mark", (3,)))
     assert started.command("command", "scan") == -1
     assert started.said() == ["E the command before still waits for its answer"]
-    started.receive(answer(9, "mark", "busy") + raw(2) + answer(1, "mark", "done", 3, -4, text="a text") + raw(3))
-    started.run(5 * PASS_MS)
+    started.give(
+        answer(9, "mark", "busy") + raw(2) + answer(1, "mark", "done", 3, -4, text="a text") + raw(3), 5 * PASS_MS
+    )
     assert started.said() == ["i ARVA: mark: done a text"]
     (got,) = started.answers
     assert (got.code, got.result, got.count, list(got.values), got.text) == (2, 0, 2, [3, -4, 0, 0], b"a text")
@@ -362,8 +348,7 @@ def test_a_wrong_command_of_the_shell_is_refused(started, words):
 @every("vector", [v for v in by_name(VECTORS["messages"]) if v.values[0]["type"] in ("vector", "level")])
 def test_what_was_measured_is_published_in_its_units(started, vector):
     before = len(started.pulses)
-    started.receive(bytes.fromhex(vector["hex"]))
-    started.run(3 * PASS_MS)
+    started.give(bytes.fromhex(vector["hex"]), 3 * PASS_MS)
     (got,) = started.pulses[before:]
     channels = vector["channels"]
     assert (got.sequence, got.status, got.n) == (vector["sequence"], vector["status"], len(channels))

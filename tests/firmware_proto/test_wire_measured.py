@@ -1,4 +1,4 @@
-"""The formats `vector` and `rssi`: what was measured comes with its frame, and decoders of frames do not mind it."""
+"""What was measured comes with its frame; the display of `handheld`; commands and their answers."""
 
 from __future__ import annotations
 

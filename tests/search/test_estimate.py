@@ -1,4 +1,4 @@
-"""The search by estimation: closed loops with the project's receiver, and frames written by hand."""
+"""The search by estimation, its causes and drifts; and what all strategies do in closed loops."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from arva_hil.search.strategies.strategy import STILL, Found, Observation, Strat
 from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from firmware_proto import Decoder, encode
 from tests.every import every
-from tests.search.world import PAPER, buried, fly
+from tests.search.world import PAPER, buried, fly, fly_to_buried
 
 
 def frame(time_s: float, d_cm: int, delta_deg: int = 0, north: float = 0.0, east: float = 0.0) -> Observation:
@@ -59,18 +59,14 @@ def test_at_any_rate(rate_hz: float, speed: float) -> None:
 
 @pytest.mark.parametrize(("seed", "strength"), [(0, 0.6), (1, 1.6)])
 def test_however_it_lies_buried_and_however_strong_it_is(seed: int, strength: float) -> None:
-    transmitter, start = buried(seed, strength)
-    flight = fly(Estimate(1.0), transmitter, start=start, seed=seed)
+    flight = fly_to_buried(seed, Estimate(1.0), strength=strength, seed=seed)
     assert flight.error_m < 0.5
     assert flight.time_s < 90
 
 
 def test_with_a_position_that_is_not_known_well() -> None:
-    transmitter, start = buried(3)
-    flight = fly(Estimate(1.0), transmitter, start=start, gps_m=0.3, seed=3)
+    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.3, seed=3)
     assert flight.error_m < 1
-    assert flight.found is not None
-    assert flight.found.covariance is not None
     nn, ne, ee = flight.found.covariance
     assert 0 < nn < 0.09
     assert 0 < ee < 0.09
@@ -92,8 +88,7 @@ class Late(Estimate):
 
 @pytest.mark.parametrize(("late_s", "seed"), [(2, 0), (5, 1)])
 def test_readings_that_are_late_are_put_where_they_were_made(late_s: int, seed: int) -> None:
-    transmitter, start = buried(seed)
-    flight = fly(Late(1.0, late_s), transmitter, start=start, height_m=3.0, seed=seed)
+    flight = fly_to_buried(seed, Late(1.0, late_s), height_m=3.0, seed=seed)
     assert flight.error_m < 1
 
 
@@ -104,9 +99,7 @@ def test_a_position_that_drifts_is_averaged_above_the_transmitter() -> None:
     scenario = replace(draw(Random(50.0, (0.0, 2.0), model="pulsed", keying="modern"), 175), seed=175)
     result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
     assert result.outcome == "found"
-    assert result.error_m is not None
     assert result.error_m < 2.0
-    assert result.hover_m is not None
     assert result.hover_m < 1.0
 
 
@@ -121,7 +114,6 @@ def test_readings_of_another_transmitter_with_its_id_do_not_lead_astray() -> Non
 
 def test_says_how_deep() -> None:
     found = fly(Estimate(1.0), PAPER[2]).found
-    assert found is not None
     assert found.down == pytest.approx(1.0, abs=0.3)
 
 
@@ -137,7 +129,6 @@ def test_what_lies_behind_it_is_found_behind_it() -> None:
     """The field is the same 28 m ahead and behind: which, only the way flown tells."""
     for north in (28.0, -28.0):
         found = fly(Estimate(1.0), f"{{id: 1, ned: [{north}, 0, 1]}}").found
-        assert found is not None
         assert found.north == pytest.approx(north, abs=0.3)
 
 
@@ -196,8 +187,7 @@ def test_blanks_and_outliers_are_survived() -> None:
                 observation = observation._replace(d_cm=-1, delta_deg=-1, inner=False)
             super().observe(observation)
 
-    transmitter, start = buried(0)
-    assert fly(Deaf(1.0), transmitter, start=start, seed=0).error_m < 1
+    assert fly_to_buried(0, Deaf(1.0), seed=0).error_m < 1
 
 
 # -- A drift of the places reported is followed, here by readings made by hand ----------------------------
@@ -435,7 +425,6 @@ def test_a_receiver_that_hears_well_is_not_thought_deaf() -> None:
 
 def test_a_place_agrees_though_what_was_heard_far_from_it_was_noise() -> None:
     judgement = listened(LOUD, 2, 90).judge((0.0, 0.0))
-    assert judgement is not None
     assert judgement.agrees(3.0)
 
 
@@ -520,14 +509,12 @@ def circled(away: tuple[float, float], gain_y: float) -> Evidence:
 
 def test_readings_from_before_it_moved_and_of_an_antenna_that_hears_again_are_left_out() -> None:
     judgement = circled((7.6, -1.2), 0.0).judge((0.0, 0.0))
-    assert judgement is not None
     assert judgement.agrees(3.0)
     assert math.dist(judgement.there.x[0, :2], PLACE[:2]) < 0.1
 
 
 def test_where_nothing_has_changed_all_readings_are_used() -> None:
     judgement = circled((0.0, 0.0), 1.0).judge((0.0, 0.0))
-    assert judgement is not None
     assert judgement.there.cause == NOTHING
 
 
@@ -548,9 +535,7 @@ class Turned(Estimate):
 def test_the_place_is_right_and_a_large_angle_is_reported(degrees: int, seed: int) -> None:
     strategy = Turned(1.0)
     strategy.degrees = degrees
-    transmitter, start = buried(seed)
-    found = fly(strategy, transmitter, start=start, height_m=3.0, seed=seed).found
-    assert found is not None
+    found = fly_to_buried(seed, strategy, height_m=3.0, seed=seed).found
     assert math.hypot(found.north, found.east) < 0.3
     assert found.turned_deg == (pytest.approx(degrees, abs=3) if degrees else None)
 
@@ -594,9 +579,7 @@ def test_a_transmitter_is_found_with_a_receiver_of_any_rate(rate_hz: float, paus
     loop = ClosedLoop(scenario, plan, start=0.0, wires=[wires], stream_hz=10.0, observers=[paused])
     run(loop.tasks, clock, until=400.0, stopped=lambda: loop.drones[0].search.outcome is not None)
     outcome, error_m = loop.drones[0].search.outcome, loop.drones[0].error()
-    assert outcome is not None
     assert (outcome.kind, in_words(outcome.how)) == ("found", "found")
-    assert error_m is not None
     assert error_m < 0.5
     assert (paused.count > 0) == pauses
     assert outcome.frames >= 0.8 * rate_hz * outcome.time_s
@@ -625,9 +608,7 @@ def test_the_one_who_walks_is_put_aside_and_the_buried_one_is_found() -> None:
     (drone,) = loop.drones
     run(loop.tasks, clock, until=500.0, stopped=lambda: drone.search.outcome is not None)
     outcome = drone.search.outcome
-    assert outcome is not None
     assert (outcome.kind, outcome.id) == ("found", 1)
-    assert outcome.found is not None
     assert math.dist(outcome.found[:2], (-18, -24)) < 0.5
     (moves,) = (event for event in told if isinstance(event, TransmitterMoves))
     assert moves.transmitter == 2
@@ -675,8 +656,7 @@ def test_with_a_position_that_is_not_known_well_and_at_any_rate(make: Maker, tra
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(("make", "speed", "within_m"), [(Extremum, 2.0, 2), (Flux, 3.0, 1.5)])
 def test_however_it_lies_buried(make: Maker, speed: float, within_m: float, seed: int) -> None:
-    transmitter, start = buried(seed)
-    flight = fly(make(speed), transmitter, start=start, seed=seed)
+    flight = fly_to_buried(seed, make(speed), seed=seed)
     assert flight.error_m < within_m
     assert flight.fastest <= speed + 1e-9
 

@@ -1,4 +1,4 @@
-"""The height above the ground: what measures it, what only says that it may be less, and what is not believed."""
+"""The height above the ground: what measures it, what is not believed, and how it is kept."""
 
 from __future__ import annotations
 
@@ -42,8 +42,9 @@ class Vehicle:
         mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
         self.says(0.0, dialect.MAVLink_heartbeat_message(QUAD, ARDUPILOT, mode, 4, 4, 3))
 
-    def says(self, now: float, *messages: Any) -> None:
+    def says(self, now: float, *messages: Any) -> Vehicle:
         self.ground.on_packets(self.session.feed(b"".join(map(self._encoder.pack, messages)), now), now)
+        return self
 
     def height(self, now: float, above: float, *, sinks: float = 0.0, roll: float = 0.0) -> Height:
         place, velocity = np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks])
@@ -86,16 +87,16 @@ def altitude(clearance: float) -> Any:
 
 @pytest.mark.parametrize("message", [distance(240), rangefinder(2.4)])
 def test_a_rangefinder_measures_it_whatever_the_position_says(vehicle: Vehicle, message: Any) -> None:
-    vehicle.says(1.0, message)
-    assert vehicle.height(1.1, 7.0) == Height(pytest.approx(2.4), True, ground=pytest.approx(4.6))
+    assert vehicle.says(1.0, message).height(1.1, 7.0) == Height(pytest.approx(2.4), True, ground=pytest.approx(4.6))
     assert vehicle.height_sources() == ["rangefinder"]
     assert vehicle.height(1.2, 7.0).measured
     assert vehicle.height_sources() == []
 
 
 def test_a_leaning_vehicle_looks_aside(vehicle: Vehicle) -> None:
-    vehicle.says(1.0, distance(240))
-    assert vehicle.height(1.1, 7.0, roll=math.radians(20)).metres == pytest.approx(2.4 * math.cos(math.radians(20)))
+    assert vehicle.says(1.0, distance(240)).height(1.1, 7.0, roll=math.radians(20)).metres == pytest.approx(
+        2.4 * math.cos(math.radians(20))
+    )
     assert not vehicle.height(1.1, 7.0, roll=math.radians(45)).measured
 
 
@@ -113,8 +114,7 @@ def test_a_leaning_vehicle_looks_aside(vehicle: Vehicle) -> None:
     ],
 )
 def test_what_measures_nothing_is_no_height(vehicle: Vehicle, message: Any) -> None:
-    vehicle.says(1.0, message)
-    assert vehicle.height(1.1, 7.0) == Height(7.0, False)
+    assert vehicle.says(1.0, message).height(1.1, 7.0) == Height(7.0, False)
     assert vehicle.height_sources() == ["estimate"]
 
 
@@ -131,16 +131,13 @@ def test_a_rangefinder_that_says_the_same_however_it_sinks_is_not_believed(vehic
         measured.append(vehicle.height(n * 0.2, 3.0, sinks=0.5).measured)
     assert measured[0]
     assert not measured[-1]
-    vehicle.says(4.0, distance(120))
-    assert vehicle.height(4.0, 3.0, sinks=0.5).measured
+    assert vehicle.says(4.0, distance(120)).height(4.0, 3.0, sinks=0.5).measured
 
 
 def test_a_rangefinder_that_goes_leaves_the_highest_ground_it_saw(vehicle: Vehicle) -> None:
-    vehicle.says(1.0, distance(300))
-    assert vehicle.height(1.0, 8.0).metres == pytest.approx(3.0)  # the ground has risen by 5 m
+    assert vehicle.says(1.0, distance(300)).height(1.0, 8.0).metres == pytest.approx(3.0)  # the ground has risen by 5 m
     vehicle.says(1.5, distance(299))
-    vehicle.says(1.5, distance(299))
-    assert vehicle.height(1.5, 7.99).metres == pytest.approx(2.99)
+    assert vehicle.says(1.5, distance(299)).height(1.5, 7.99).metres == pytest.approx(2.99)
     vehicle.height_sources()
     assert vehicle.height(3.0, 8.0) == Height(pytest.approx(3.0), False, ground=pytest.approx(5.0))
     assert vehicle.height_sources() == ["highest ground"]
@@ -161,8 +158,7 @@ def test_the_barometer_may_say_less_and_never_more(vehicle: Vehicle) -> None:
 
 
 def test_a_barometer_that_says_much_less_is_flown_by_and_ends_the_search(vehicle: Vehicle) -> None:
-    vehicle.says(0.0, pressure(0.0))
-    vehicle.arm()
+    vehicle.says(0.0, pressure(0.0)).arm()
     vehicle.height(0.0, 3.0)
     for n in range(100):
         vehicle.says(n * 0.2, pressure(-50.0))
@@ -176,20 +172,17 @@ def test_a_barometer_that_says_much_less_is_flown_by_and_ends_the_search(vehicle
 
 
 def test_the_terrain_database_counts_from_the_take_off_and_may_only_say_less(vehicle: Vehicle) -> None:
-    vehicle.says(1.0, pressure(0.0), terrain(-7.0))
-    vehicle.arm()
+    vehicle.says(1.0, pressure(0.0), terrain(-7.0)).arm()
     vehicle.says(2.0, terrain(-6.0))  # 1 m above where it stood
     assert vehicle.height(2.0, 3.0) == Height(pytest.approx(1.0), False, ground=0.0)
-    vehicle.says(3.0, terrain(40.0))
-    assert vehicle.height(3.0, 3.0) == Height(3.0, False)
+    assert vehicle.says(3.0, terrain(40.0)).height(3.0, 3.0) == Height(3.0, False)
     vehicle.says(3.0, terrain(-7.0, spacing=0))  # it has no data here
     assert vehicle.height(3.1, 3.0) == Height(3.0, False)
 
 
 @pytest.mark.parametrize(("clearance", "height"), [(1.2, 1.2), (20.0, 3.0), (math.nan, 3.0), (-1.0, 3.0)])
 def test_the_estimate_of_the_clearance_may_say_less(vehicle: Vehicle, clearance: float, height: float) -> None:
-    vehicle.says(1.0, altitude(clearance))
-    assert vehicle.height(1.1, 3.0) == Height(pytest.approx(height), False)
+    assert vehicle.says(1.0, altitude(clearance)).height(1.1, 3.0) == Height(pytest.approx(height), False)
 
 
 BAROMETER = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
@@ -207,37 +200,31 @@ def gps(v_acc_mm: int, metres: float = 0.0) -> Any:
 
 @pytest.mark.parametrize("words", [status(0), status(BAROMETER, 0), status(BAROMETER, health=0)])
 def test_without_rangefinder_and_barometer_gps_may_be_far_off(vehicle: Vehicle, words: Any) -> None:
-    vehicle.says(1.0, words)
-    assert vehicle.height(1.1, 7.0) == Height(7.0, False, 6.0)
+    assert vehicle.says(1.0, words).height(1.1, 7.0) == Height(7.0, False, 6.0)
     (event,) = [event for event in vehicle.take_events() if isinstance(event, HeightSource)]
     assert (event.source, event.margin_m) == ("GPS", 6.0)
 
 
 @pytest.mark.parametrize(("v_acc_mm", "margin"), [(1200, 3.6), (20, 1.5), (90_000, 15.0), (0, 6.0)])
 def test_how_far_is_what_it_says_of_its_accuracy(vehicle: Vehicle, v_acc_mm: int, margin: float) -> None:
-    vehicle.says(1.0, status(0), gps(v_acc_mm))
-    assert vehicle.height(1.1, 7.0).margin == pytest.approx(margin)
+    assert vehicle.says(1.0, status(0), gps(v_acc_mm)).height(1.1, 7.0).margin == pytest.approx(margin)
 
 
 @pytest.mark.parametrize("words", [[], [status(BAROMETER)], [status(0), pressure(0.0)], [status(0), distance(700)]])
 def test_a_barometer_a_rangefinder_or_no_word_of_them_needs_no_margin(vehicle: Vehicle, words: list[Any]) -> None:
-    vehicle.says(1.0, *words)
-    assert vehicle.height(1.1, 7.0).margin == 0.0
+    assert vehicle.says(1.0, *words).height(1.1, 7.0).margin == 0.0
     assert "GPS" not in vehicle.height_sources()
 
 
 def test_who_trusts_gps_gets_no_margin() -> None:
     vehicle = Vehicle(trust_gps=True)
-    vehicle.says(1.0, status(0))
-    assert vehicle.height(1.1, 7.0) == Height(7.0, False, 0.0)
+    assert vehicle.says(1.0, status(0)).height(1.1, 7.0) == Height(7.0, False, 0.0)
     assert vehicle.height_sources() == ["GPS"]
 
 
 def test_what_is_old_says_nothing(vehicle: Vehicle) -> None:
-    vehicle.says(1.0, pressure(0.0), terrain(0.0))
-    vehicle.arm()
-    vehicle.says(1.0, altitude(1.0), pressure(1.0), distance(100), terrain(1.0))
-    assert vehicle.height(1.5, 3.0).measured
+    vehicle.says(1.0, pressure(0.0), terrain(0.0)).arm()
+    assert vehicle.says(1.0, altitude(1.0), pressure(1.0), distance(100), terrain(1.0)).height(1.5, 3.0).measured
     late = vehicle.height(9.0, 5.0)
     assert late == Height(
         pytest.approx(3.0), False, ground=pytest.approx(2.0)
@@ -247,15 +234,14 @@ def test_what_is_old_says_nothing(vehicle: Vehicle) -> None:
 @pytest.mark.parametrize("stranger", [(2, 1), (1, 99), (255, 190)])
 def test_other_systems_and_components_say_nothing_of_the_ground(vehicle: Vehicle, stranger: tuple[int, int]) -> None:
     own = vehicle._encoder
-    vehicle.says(1.0, pressure(0.0), terrain(-7.0))
-    vehicle.arm()
+    vehicle.says(1.0, pressure(0.0), terrain(-7.0)).arm()
     vehicle.says(2.0, pressure(3.0), terrain(-4.0))
     vehicle._encoder = Encoder(*stranger)
-    vehicle.says(2.0, terrain(-9.0), distance(100), rangefinder(1.0), altitude(1.0), pressure(2.0), status(0))
-    assert vehicle.height(2.0, 3.0) == Height(pytest.approx(3.0, abs=0.01), False, ground=0.0)
+    assert vehicle.says(
+        2.0, terrain(-9.0), distance(100), rangefinder(1.0), altitude(1.0), pressure(2.0), status(0)
+    ).height(2.0, 3.0) == Height(pytest.approx(3.0, abs=0.01), False, ground=0.0)
     vehicle._encoder = own
-    vehicle.says(2.0, terrain(-6.0))
-    assert vehicle.height(2.1, 3.0) == Height(pytest.approx(1.0), False, ground=0.0)
+    assert vehicle.says(2.0, terrain(-6.0)).height(2.1, 3.0) == Height(pytest.approx(1.0), False, ground=0.0)
     assert vehicle.height_sources() == ["estimate"]
 
 
@@ -425,8 +411,7 @@ def disagreements(vehicle: Vehicle) -> list[tuple[str, str]]:
 
 def flown(vehicle: Vehicle, seconds: float, above: Callable[[float], float], *said: Callable[[float], Any]) -> Height:
     """The height after a hover of the reported altitude `above`, in which the sensors say something at each time."""
-    vehicle.says(0.0, pressure(0.0), gps(1000))
-    vehicle.arm()
+    vehicle.says(0.0, pressure(0.0), gps(1000)).arm()
     for n in range(round(5 * seconds)):
         vehicle.says(n * 0.2, *(say(n * 0.2) for say in said))
         height = vehicle.height(n * 0.2, above(n * 0.2))
@@ -464,10 +449,8 @@ def test_the_autopilots_clearance_may_doubt_a_rangefinder(vehicle: Vehicle) -> N
     height = flown(vehicle, 17, lambda t: 3.0, lambda t: distance(300), lambda t: altitude(-1.0))
     assert not height.still
     vehicle = Vehicle()
-    vehicle.says(0.0, pressure(0.0), distance(300), altitude(-1.0))
-    vehicle.arm()
-    vehicle.says(0.0, pressure(8.0), distance(800), altitude(2.0))
-    assert vehicle.height(0.1, 8.0).metres == 2.0
+    vehicle.says(0.0, pressure(0.0), distance(300), altitude(-1.0)).arm()
+    assert vehicle.says(0.0, pressure(8.0), distance(800), altitude(2.0)).height(0.1, 8.0).metres == 2.0
 
 
 @pytest.mark.parametrize("change", [4.0, -2.0])
@@ -525,8 +508,7 @@ def test_a_silence_in_a_climb_or_descent_is_no_error_of_a_sensor(
     vehicle: Vehicle, silent_from: float, silent_s: float
 ) -> None:
     """Until packets arrive again, the pose follows the last velocity, which the vehicle no longer has."""
-    vehicle.says(0.0, pressure(0.0))
-    vehicle.arm()
+    vehicle.says(0.0, pressure(0.0)).arm()
     known = 0.0
     for n in range(1, 200):
         t = n * 0.05
@@ -545,8 +527,7 @@ def test_a_silence_in_a_climb_or_descent_is_no_error_of_a_sensor(
 
 
 def test_poses_that_stay_old_do_not_hide_ground_that_rises(vehicle: Vehicle) -> None:
-    vehicle.says(0.0, pressure(0.0))
-    vehicle.arm()
+    vehicle.says(0.0, pressure(0.0)).arm()
     for n in range(50):
         t = n * 0.2
         vehicle.says(t, distance(300 if n < 10 else 240), pressure(3.0))

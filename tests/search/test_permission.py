@@ -1,4 +1,4 @@
-"""A simulator is armed at once; any other vehicle only when a person has said yes."""
+"""Who may fly a vehicle: permission, one search of two, fences, take-over in the air, and the dry run."""
 
 from __future__ import annotations
 
@@ -10,19 +10,36 @@ from typing import Any
 import pytest
 
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.searches import ConsentNeeded, CountDown, DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import Link, memory
-from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, command, decode, dialect
 from arva_hil.search.flight.claim import CLAIM_TYPE, Claim, encode, parse
 from arva_hil.search.flight.client import SearchClient
 from arva_hil.search.flight.preflight import Permission
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated import arducopter
+from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Decoder
 from tests import simulated_px4
-from tests.search.test_client import BOTH, HOME, US, GoTo, Port, World, ardupilot, px4
-from tests.simulated_px4 import Px4
+from tests.search.test_client import (
+    BOTH,
+    HOME,
+    US,
+    VICTIM,
+    Broken,
+    GoTo,
+    Port,
+    World,
+    ardupilot,
+    px4,
+    silent,
+    unchanged,
+    winged,
+)
+from tests.simulated_px4 import HOLD, POSITION, Px4
 
 TRUTHS = (
     dialect.MAVLINK_MSG_ID_SIMSTATE,
@@ -205,18 +222,15 @@ def test_of_two_that_begin_at_once_one_flies_and_the_other_arms_nothing(make: Ca
     second = world.begin_second()
     world.until(lambda: world.client.outcome or second.outcome, 10.0)
     refused, other = (world.client, second) if world.client.outcome else (second, world.client)
-    assert refused.outcome is not None
     assert refused.outcome.kind == "failed"
     assert in_words(refused.outcome.how).startswith("another search (process ")
     assert in_words(refused.outcome.how).endswith(" has this vehicle; end one of the two")
     assert not (world.orders() if refused is world.client else world.moved)
     world.until(lambda: other.outcome)
-    assert other.outcome is not None
     assert other.outcome.kind == "found"
 
 
-@BOTH
-@pytest.mark.parametrize("phase", ["idle", "climbing", "flying"])
+@pytest.mark.parametrize(("make", "phase"), [(px4, "idle"), (ardupilot, "climbing"), (px4, "flying")])
 def test_one_that_begins_later_is_refused_and_moves_nothing(make: Callable[[], Any], phase: str) -> None:
     world = Pair(make(), countdown_s=5.0 if phase == "idle" else 0.0)
     if phase == "idle":
@@ -225,7 +239,6 @@ def test_one_that_begins_later_is_refused_and_moves_nothing(make: Callable[[], A
         world.reach(phase)
     second = world.begin_second()
     world.until(lambda: second.outcome, 3.0)
-    assert second.outcome is not None
     assert "another search (process " in in_words(second.outcome.how)
     assert world.end() == ("found", "found")
     assert world.moved == 0
@@ -240,11 +253,9 @@ def test_of_two_that_fly_it_one_lets_go_as_soon_as_they_are_in_contact(make: Cal
     world.forward(True)
     world.until(lambda: world.client.outcome or second.outcome, 1.5)
     gone, other = (world.client, second) if world.client.outcome else (second, world.client)
-    assert gone.outcome is not None
     assert in_words(gone.outcome.how).endswith(" flies this vehicle; this one sends nothing more; end one of the two")
     moved = world.moved
     world.until(lambda: other.outcome)
-    assert other.outcome is not None
     assert other.outcome.kind == "found"
     assert gone is world.client or world.moved == moved
 
@@ -254,7 +265,6 @@ def test_without_contact_one_that_somebody_else_puts_in_guided_is_not_armed() ->
     world.pass_s(1)
     second = world.begin_second()
     world.until(lambda: second.outcome, 3.0)
-    assert second.outcome is not None
     assert in_words(second.outcome.how).startswith("another program has set the mode that follows set-points")
     assert world.end() == ("found", "found")
     assert world.moved == 0
@@ -265,7 +275,6 @@ def test_without_contact_one_that_somebody_else_arms_is_not_flown() -> None:
     second = world.begin_second()
     second._flight.wait = lambda now: True  # type: ignore[method-assign]
     world.until(lambda: second.outcome, 20.0)
-    assert second.outcome is not None
     assert in_words(second.outcome.how).startswith("another program or person has armed it")
     assert world.end() == ("found", "found")
 
@@ -380,3 +389,275 @@ def test_beyond_the_fence_nothing_is_armed(
     world = fenced(monkeypatch, make, values, **plan)
     assert world.end() == ("failed", how)
     assert world.orders() == []
+
+
+# -- A search that begins in the air: only on request, only from a hover, and by the pilot's leave --------
+
+
+BEFORE_S = 60.0
+
+
+def airborne(
+    make: Callable[..., Any], *, height: float = 6.0, at: tuple[float, float] = (0.0, 0.0), mode: int | None = None
+) -> Any:
+    """A vehicle that somebody has flown there, up to second 0, and left in this mode; default: LOITER, or hold."""
+    vehicle = make(boot_time=-BEFORE_S)
+    now, encoder = -BEFORE_S, Encoder(255, 190)
+    is_px4 = isinstance(vehicle, Px4)
+
+    def tell(message: Any, then_s: float) -> None:
+        nonlocal now
+        vehicle.feed(encoder.pack(message), now)
+        for _ in range(round(then_s * 10)):
+            now += 0.1
+            vehicle.poll(now)
+
+    def order(number: int, *params: float, then_s: float = 0.1) -> None:
+        tell(command(1, 1, number, *params), then_s)
+
+    def enter(wanted: int, then_s: float = 0.1) -> None:
+        main, sub = (wanted >> 16 & 255, wanted >> 24) if is_px4 else (wanted, 0)
+        order(dialect.MAV_CMD_DO_SET_MODE, 1, main, sub, then_s=then_s)
+
+    if is_px4:
+        nowhere = (math.nan,) * 3
+        order(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        order(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *nowhere, vehicle._ground_amsl + height, then_s=20)
+    else:
+        enter(Mode.GUIDED)
+        order(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        order(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height, then_s=15)
+        place = (*at, -height)
+        tell(
+            dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xFF8, *place, 0, 0, 0, 0, 0, 0, 0, 0),
+            15,
+        )
+    tell(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), -now - 0.5)
+    enter((HOLD if is_px4 else Mode.LOITER) if mode is None else mode, then_s=0.5)
+    return vehicle
+
+
+def taking_over(vehicle: Any, **client: Any) -> World:
+    return World(vehicle, {"take_over": True} | client)
+
+
+@BOTH
+def test_a_vehicle_that_hovers_is_taken_over_searches_and_lands(make: Callable[..., Any]) -> None:
+    world = taking_over(airborne(make))
+    assert world.end() == ("found", "found")
+    assert not world.armed
+    commands = {getattr(m, "command", None) for m in world.orders()}
+    assert not commands & {dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_NAV_TAKEOFF}
+    assert "taking over" in " ".join(world.said)
+
+
+def test_heights_are_above_home_and_places_from_where_it_hovered() -> None:
+    world = taking_over(airborne(ardupilot, at=(10.0, -4.0)))
+    world.reach("flying")
+    world.until(lambda: len(world.rows) > 2)
+    first = world.rows[0]
+    assert (first.north_m, first.east_m) == pytest.approx((0.0, 0.0), abs=0.3)
+    assert first.down_m == pytest.approx(-6.0, abs=0.3)
+    world.until(lambda: world.ned[2] > -1.6)
+    assert world.client.origin.lla([0.0, 0.0, 0.0])[2] == pytest.approx(1650.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "why"),
+    [
+        (lambda: airborne(ardupilot, mode=Mode.RTL), "it is in RTL"),  # a failsafe's
+        (lambda: airborne(ardupilot, mode=Mode.STABILIZE), "it is in STABILIZE"),  # the pilot's
+        (lambda: airborne(px4, mode=POSITION), "it is in position"),
+        (lambda: airborne(ardupilot, height=0.7), "m above home, less than 1 m"),
+        (ardupilot, "it is not armed"),
+    ],
+)
+def test_it_is_not_taken_over(vehicle: Callable[[], Any], why: str) -> None:
+    world = taking_over(vehicle(), timeout_s=4.0)
+    how = world.fail()
+    assert how.startswith("the vehicle is not taken over: ")
+    assert why in how
+    assert world.orders() == []
+
+
+def test_it_is_waited_for_until_it_hovers() -> None:
+    world = taking_over(airborne(ardupilot, mode=Mode.GUIDED))
+    onward = dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xDC7, 0, 0, 0, 1.5, 0, 0, 0, 0, 0, 0, 0)
+    encoder = Encoder(1, 195)
+    for _ in range(8):
+        world.others.write(encoder.pack(onward))
+        world.pass_s(1.0)
+    assert world.orders() == []
+    assert "waiting for a hover" in world.said
+    world.until(world.orders)
+
+
+@BOTH
+@pytest.mark.parametrize("come", [False, True])
+def test_the_pilot_has_the_last_word_from_the_first_moment_on(make: Callable[..., Any], come: bool) -> None:
+    world = taking_over(airborne(make))
+    world.reach("flying")
+    world.until(lambda: not come or world.client._commander.authority.in_mode)
+    world.pilot(POSITION if make is px4 else Mode.RTL)
+    assert "the pilot or a failsafe has taken over" in world.fail()
+    assert come or {m.get_type() for m in world.orders()} <= {"SET_POSITION_TARGET_LOCAL_NED"}
+
+
+@BOTH
+def test_a_vehicle_that_does_not_come_is_left_to_whoever_has_it(make: Callable[..., Any]) -> None:
+    vehicle = airborne(make)
+    feed, parser = vehicle.feed, Parser()
+
+    def deaf(chunk: bytes, now: float, link: int = 0) -> None:
+        """It carries out no order for another mode."""
+        for packet in parser.feed(chunk):
+            if getattr(decode(packet), "command", None) != dialect.MAV_CMD_DO_SET_MODE:
+                feed(packet.raw, now)
+
+    vehicle.feed = deaf
+    world = taking_over(vehicle)
+    assert "the vehicle does not follow velocities" in world.fail()
+    assert dialect.MAV_CMD_NAV_LAND not in {getattr(m, "command", None) for m in world.orders()}
+    assert world.armed
+
+
+@BOTH
+def test_ctrl_c_before_it_has_come_leaves_it_where_it_was(make: Callable[..., Any]) -> None:
+    world = taking_over(airborne(make))
+    mode = world.mode
+    world.reach("flying")
+    world.client.stop()
+    world.end()
+    world.stay_silent(10.0, since=world.clock.now() + 0.01)
+    assert world.mode == mode
+
+
+# A dry run does everything but arm and move: it says what a search would order, and nothing of it leaves
+
+
+SENT = {  # all that a dry run may send
+    "HEARTBEAT",
+    "COMMAND_LONG",
+    "PARAM_REQUEST_READ",
+    "REQUEST_DATA_STREAM",
+    "TIMESYNC",
+}
+QUESTIONS = {
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+    dialect.MAV_CMD_REQUEST_MESSAGE,
+    dialect.MAV_CMD_GET_HOME_POSITION,
+}
+
+
+def dry(vehicle: SimulatedVehicle | Px4, client: dict[str, Any] | None = None, **plan: Any) -> World:
+    return World(vehicle, {"dry_run": True, "timeout_s": 20.0} | (client or {}), **plan)
+
+
+def planned(world: World) -> list[WouldOrder]:
+    return [event for event in world.events if isinstance(event, WouldOrder)]
+
+
+def nothing_moves(world: World) -> None:
+    assert {message.get_type() for _, message in world.told} <= SENT
+    assert {m.command for _, m in world.told if m.get_type() == "COMMAND_LONG"} <= QUESTIONS
+    assert world.orders() == []
+    assert not world.armed
+    assert world.ned == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+
+
+@BOTH
+@pytest.mark.parametrize("land", [True, False])
+def test_it_says_in_order_what_a_search_orders_and_orders_nothing(make: Callable[[], Any], land: bool) -> None:
+    world = dry(make(), {"countdown_s": 3.0, "land": land})
+    assert world.end(60.0) == ("would fly", in_words(because(Why.WOULD_FLY)))
+    world.pass_s(5)
+    nothing_moves(world)
+    flown = World(make(), {"land": land})
+    flown.end()
+    commands = [(m.command, m.param2, m.param3) for m in flown.orders() if m.get_type() == "COMMAND_LONG"]
+    ordered = [dialect.enums["MAV_CMD"][number].name for (number, *_), _ in itertools.groupby(commands)]
+    assert [f"MAV_CMD_{event.order}" for event in planned(world)] == ordered
+    (begun,) = (event for event in world.events if isinstance(event, DryRunBegun))
+    assert begun.countdown_s == 3.0
+    assert not [event for event in world.events if isinstance(event, CountDown)]  # nothing begins at its end
+
+
+@BOTH
+def test_its_set_points_are_those_for_the_readings_of_now(make: Callable[[], Any]) -> None:
+    world = dry(make(), height=2.0)
+    world.end(60.0)
+    said = [event for event in world.events if isinstance(event, SetPointPlanned)]
+    assert 4 <= len(said) <= 6
+    share = 1 / math.hypot(*VICTIM)
+    first, *others = said
+    if first.v_down < 0:  # no barometer was heard yet: it would climb before all else
+        assert (first.v_north, first.v_east) == (0.0, 0.0)
+    else:
+        others.append(first)
+    for event in others:
+        assert (event.v_north, event.v_east) == pytest.approx((VICTIM[0] * share, VICTIM[1] * share), abs=0.01)
+    assert said[-1].v_down == pytest.approx(0.0, abs=0.1)  # as at the height of the take-off, not as on the ground
+    assert said[-1].rate_hz == 5.0
+    assert {row.phase for row in world.rows} == {"dry run"}
+    assert [row.d_cm for row in world.rows if row.d_cm]
+
+
+@BOTH
+def test_a_vehicle_in_the_air_would_be_taken_over(make: Callable[..., Any]) -> None:
+    world = dry(airborne(make, height=6.0), {"take_over": True}, height=6.0)
+    assert world.end(60.0) == ("would fly", in_words(because(Why.WOULD_FLY)))
+    assert world.orders() == []
+    assert world.armed
+    assert world.ned == pytest.approx((0.0, 0.0, -6.0), abs=0.9)
+    assert [event.order for event in planned(world)] == ["DO_SET_MODE", "NAV_LAND"]
+    last = [event for event in world.events if isinstance(event, SetPointPlanned)][-1]
+    assert math.hypot(last.v_north, last.v_east) == pytest.approx(1.0, abs=0.01)
+
+
+# -- it would not have flown -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "why", "plan"),
+    [
+        (silent, "no link", "no frame from the receiver at memory:a: nothing came", {}),
+        (winged, "failed", "ardupilotmega fixed_wing 1/1 is not a multirotor", {}),
+        (unchanged, "failed", "dry run: the strategy has failed: ZeroDivisionError(", {"strategy": Broken}),
+    ],
+)
+def test_what_would_end_a_search_ends_it(change: Callable[[World], None], kind: str, why: str, plan: Any) -> None:
+    world = dry(ardupilot(), **plan)
+    change(world)
+    ended, how = world.end(60.0)
+    assert ended == kind
+    assert how.startswith(why)
+    assert how.endswith("; nothing was ordered") or not plan
+    assert not planned(world) or plan
+    nothing_moves(world)
+
+
+@BOTH
+def test_interrupted_nothing_has_to_be_undone(make: Callable[[], Any]) -> None:
+    world = dry(make())
+    world.until(lambda: planned(world))
+    world.client.stop()
+    assert world.end(1.0) == ("failed", "interrupted")
+    nothing_moves(world)
+
+
+# -- consent -----------------------------------------------------------------------------------------------
+
+
+@BOTH
+@pytest.mark.parametrize("person", [None, Person("no")])
+def test_a_person_is_not_asked_but_it_is_said_that_they_would_be(
+    make: Callable[[], Any], person: Person | None
+) -> None:
+    world = dry(make())
+    world.client._preflight._permission = Permission(world.session, question=person, dry_run=True)
+    world.between = truthless
+    assert world.end(60.0) == ("would fly", in_words(because(Why.WOULD_FLY)))
+    (needed,) = (event for event in world.events if isinstance(event, ConsentNeeded))
+    assert needed.asked is (person is not None)
+    assert person is None or person.asked == []
+    nothing_moves(world)

@@ -1,8 +1,10 @@
-"""The pilot has the last word: after pauses, at the last moment, by the sticks; and another drone never gets a word."""
+"""The pilot and the failsafes have the last word, a vehicle that does not follow is landed, another gets no order."""
 
 from __future__ import annotations
 
+import cmath
 import functools
+import itertools
 import math
 import random
 import re
@@ -17,9 +19,12 @@ from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.clock import Clock
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.dialect import CRC_EXTRA, MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.search.flight.airborne import Deviation, SetPointCheck
 from arva_hil.simulated.arducopter import FAILSAFES
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from firmware_proto import Channel, Frame, encode
+from tests import simulated_px4
 from tests.search.test_client import (
     BOTH,
     GUIDED_ALONE,
@@ -32,11 +37,12 @@ from tests.search.test_client import (
     hunting,
     modes_said,
     px4,
+    reaching,
     set_points,
     widest_gap,
     without,
 )
-from tests.simulated_px4 import HOLD, POSITION, Px4
+from tests.simulated_px4 import HOLD, OFFBOARD, POSITION, Px4
 
 NAV_LAND, SET_MODE = dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_DO_SET_MODE
 TAKEN = "the mode is {}: the pilot or a failsafe has taken over"
@@ -236,8 +242,7 @@ def test_a_switch_just_before_the_search_ends_is_not_overridden(make: Callable[[
     switches = ended_at(make) + 0.061 - ms / 1e3
     world._tasks.insert(0, Hand(world, wanted, switches))  # type: ignore[arg-type]
     world.end()
-    world.pass_s(5)
-    assert world.mode == wanted
+    assert world.after(5).mode == wanted
     heard = min(at for at, mode in said if at >= switches and mode == wanted)
     assert world.orders(heard + BOUND_MS / 1e3) == []
     assert heard - switches < 0.15
@@ -259,17 +264,6 @@ def test_the_mode_is_told_sooner_than_once_a_second(make: Callable[[], Any]) -> 
 
 
 # -- the sticks, and the battery ---------------------------------------------------------------------------
-
-
-def test_a_stick_that_moves_gives_the_vehicle_to_the_pilot_in_loiter() -> None:
-    vehicle = ardupilot()
-    world = hunting(vehicle)
-    vehicle._pilot.sticks = (1800, 1250, 1500, 1500)
-    moved = world.clock.now()
-    assert world.fail(2.0) == "the pilot has moved a stick (channel 1, by 300 µs); the pilot has it, in LOITER"
-    world.stay_silent(10, since=world.clock.now())
-    assert vehicle._pilot.mode is Mode.LOITER
-    assert [(m.command, m.param2) for m in world.orders(moved) if m.get_type() == "COMMAND_LONG"] == [(SET_MODE, 5)]
 
 
 @pytest.mark.parametrize("channel", range(4))
@@ -294,8 +288,7 @@ def test_a_throttle_stick_that_is_down_would_sink_it_in_loiter() -> None:
     vehicle._pilot.sticks = (1500, 1500, 1000, 1500)
     world = hunting(vehicle)
     vehicle._pilot.sticks = (1700, 1500, 1000, 1500)
-    world.pass_s(5)
-    assert world.client.outcome is None
+    assert world.after(5).client.outcome is None
     world.stand_still(3)
     assert vehicle._pilot.mode is Mode.GUIDED
     assert any("until the throttle stick is in the middle" in text for text in world.said)
@@ -305,8 +298,7 @@ def test_a_throttle_stick_that_is_down_would_sink_it_in_loiter() -> None:
 
 def test_a_stick_that_moves_before_it_flies_keeps_it_on_the_ground() -> None:
     vehicle = px4(healthy=False)
-    world = World(vehicle)
-    world.reach("arming")
+    world = reaching("arming", vehicle)
     world.pass_s(2)
     vehicle._vehicle._pilot.sticks = (1500, 1500, 1900, 1500)
     assert world.end(4.0) == ("failed", "the pilot has moved a stick (channel 3, by 400 µs)")
@@ -477,13 +469,10 @@ def test_one_lie_ends_nothing() -> None:
 
 def test_a_vehicle_that_is_still_armed_at_the_end_is_no_good_end() -> None:
     vehicle = ardupilot()
-    world = World(vehicle)
-    world.reach("landing")
+    world = reaching("landing", vehicle)
     vehicle._pilot.disarm = lambda force=False: False  # type: ignore[method-assign]
     why = "the vehicle is still armed, and does not report that it has landed. If it stands, keep away"
     assert world.fail(120.0).startswith(why)
-    assert world.client.outcome is not None
-    assert world.client.outcome.found is not None
     assert world.client.outcome.found[:2] == VICTIM
 
 
@@ -499,8 +488,7 @@ def test_each_try_of_arming_is_said() -> None:
 
 def test_frames_that_stop_for_a_moment_while_it_arms_only_delay_it() -> None:
     vehicle = px4(healthy=False)
-    world = World(vehicle)
-    world.reach("arming")
+    world = reaching("arming", vehicle)
     world.port.says = lambda now: None
     world.pass_s(5)
     vehicle.healthy = True
@@ -513,8 +501,7 @@ def test_frames_that_stop_for_a_moment_while_it_arms_only_delay_it() -> None:
 
 def test_a_heartbeat_that_is_missing_before_arming_is_reported() -> None:
     vehicle = px4(healthy=False)
-    world = World(vehicle)
-    world.reach("arming")
+    world = reaching("arming", vehicle)
     world.between = lambda data: b""
     world.pass_s(8)
     assert any("no heartbeat" in text for text in world.said)
@@ -537,8 +524,7 @@ def test_a_heartbeat_that_is_missing_before_arming_is_reported() -> None:
     ],
 )
 def test_what_it_does_when_it_is_left_alone_is_said_before_it_arms(make: Callable[[], Any], words: str) -> None:
-    world = World(make())
-    world.reach("arming")
+    world = reaching("arming", make())
     assert words in world.said
 
 
@@ -574,8 +560,7 @@ def test_a_parameter_that_makes_a_promise_impossible_is_named_before_it_arms(
     vehicle.parameters.pop(parameter)
     if value is not None:
         vehicle.parameters[parameter] = value
-    world = World(vehicle)
-    world.reach("arming")
+    world = reaching("arming", vehicle)
     assert any(said.startswith(text) for said in world.said)
     assert world.orders() == []
 
@@ -602,8 +587,7 @@ def test_the_last_seconds_on_the_ground_are_counted_down_and_begin_again_when_so
     world = World(ardupilot(), {"countdown_s": 3.0})
     world.until(lambda: "arming in 3 s" in world.said)
     world.port.says = lambda now: None
-    world.pass_s(6)
-    assert world.orders() == []
+    assert world.after(6).orders() == []
     world.port.says = world.frames
     back = world.clock.now()
     world.reach("arming")
@@ -617,8 +601,7 @@ def test_the_last_seconds_on_the_ground_are_counted_down_and_begin_again_when_so
 
 def struck(name: str, phase: str) -> tuple[World, float]:
     """A search whose vehicle has its failsafe in this phase, and when that was."""
-    world = World(ardupilot(), take_off=6.0, height=6.0)
-    world.reach(phase)
+    world = reaching(phase, ardupilot(), take_off=6.0, height=6.0)
     if phase == "flying":
         world.hunt()
     elif phase == "landing":
@@ -628,14 +611,12 @@ def struck(name: str, phase: str) -> tuple[World, float]:
     return world, at
 
 
-@pytest.mark.parametrize("name", FAILSAFES)
-@pytest.mark.parametrize("phase", ["climbing", "flying"])
+@pytest.mark.parametrize(("name", "phase"), zip(FAILSAFES, itertools.cycle(["climbing", "flying"])))
 def test_in_the_air_it_ends_at_once_and_the_vehicle_does_what_its_failsafe_does(name: str, phase: str) -> None:
     world, at = struck(name, phase)
     assert world.end(2.0) == ("failed", TAKEN.format(FAILSAFES[name].mode.name))
     world.until(lambda: not world.armed)
-    world.pass_s(5)
-    assert world.orders(at + BOUND_MS / 1000 + 0.1) == []  # 0.1 s: its mode is said at 10 Hz
+    assert world.after(5).orders(at + BOUND_MS / 1000 + 0.1) == []  # 0.1 s: its mode is said at 10 Hz
     assert world.vehicle.state == f"{FAILSAFES[name].mode.name}, disarmed, on the ground"  # type: ignore[union-attr]
     if FAILSAFES[name].mode.name == "RTL":
         assert math.hypot(*world.ned[:2]) < 1.5
@@ -649,8 +630,7 @@ def test_while_it_lands_the_failsafe_lands_it_on(name: str) -> None:
     mode = FAILSAFES[name].mode.name
     assert (kind, how) == ("found", "found" if mode == "LAND" else TAKEN.format(mode))
     world.until(lambda: not world.armed)
-    world.pass_s(5)
-    assert world.orders(at + BOUND_MS / 1000 + 0.1) == []
+    assert world.after(5).orders(at + BOUND_MS / 1000 + 0.1) == []
 
 
 @pytest.mark.parametrize("name", FAILSAFES)
@@ -681,8 +661,7 @@ def short(msgid: int) -> bytes:
 
 def test_they_end_no_search_before_it_arms() -> None:
     vehicle = px4(healthy=False)
-    world = World(vehicle)
-    world.reach("arming")
+    world = reaching("arming", vehicle)
     every = (
         dialect.MAVLINK_MSG_ID_PARAM_VALUE,
         dialect.MAVLINK_MSG_ID_HEARTBEAT,
@@ -690,8 +669,461 @@ def test_they_end_no_search_before_it_arms() -> None:
         dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     )
     world.between = lambda data: data + b"".join(map(short, every))
-    world.pass_s(3)
-    assert world.client.outcome is None
+    assert world.after(3).client.outcome is None
     world.between = bytes
     vehicle.healthy = True
     assert world.end() == ("found", "found")
+
+
+# A stick or a switch that moves ends the search on both autopilots, and nothing else looks like one
+
+
+RC_CHANNELS, MANUAL_CONTROL = dialect.MAVLINK_MSG_ID_RC_CHANNELS, dialect.MAVLINK_MSG_ID_MANUAL_CONTROL
+AT_REST = (1500, 1500, 1500, 1500, 1000, 1500)
+WITHIN_S = 1.5  # promised in docs/explanation/safety.md: from the stick to the pilot's mode
+
+
+class Radio:
+    """Replaces the pulses that the vehicle reports. `pulses` may change; the channels behind them are absent."""
+
+    def __init__(self, world: World, *pulses: int) -> None:
+        self.pulses = pulses
+        self._parser = Parser()
+        world.between = self._replace
+
+    def _replace(self, data: bytes) -> bytes:
+        return b"".join(
+            packet.raw if packet.msgid != RC_CHANNELS else self._report() for packet in self._parser.feed(data)
+        )
+
+    def _report(self) -> bytes:
+        pulses = [*self.pulses, *[0xFFFF] * (18 - len(self.pulses))]
+        return Encoder(1, 1).pack(dialect.MAVLink_rc_channels_message(0, len(self.pulses), *pulses, 255))
+
+
+def modes_ordered(world: World, since: float) -> list[int]:
+    orders = [m for m in world.orders(since) if m.get_type() == "COMMAND_LONG"]
+    assert all(m.command == SET_MODE for m in orders)
+    return [int(m.param2) << 16 | int(m.param3) << 24 if m.param3 or m.param2 == 6 else int(m.param2) for m in orders]
+
+
+def is_given_to_the_pilot(world: World, why: str) -> None:
+    """The vehicle stops, its mode is ordered once, and then there is silence."""
+    moved = world.clock.now()
+    name, mode = ("hold", HOLD) if isinstance(world.vehicle, Px4) else ("LOITER", int(Mode.LOITER))
+    assert world.fail(WITHIN_S) == f"the pilot has moved {why}; the pilot has it, in {name}"
+    world.stay_silent(10, since=world.clock.now())
+    assert world.mode == mode
+    assert modes_ordered(world, moved) == [mode]
+
+
+# -- what is a pilot ---------------------------------------------------------------------------------------
+
+
+def sticks(world: World, *pulses: int) -> None:
+    getattr(world.vehicle, "_vehicle", world.vehicle)._pilot.sticks = pulses
+
+
+@pytest.mark.parametrize(
+    ("make", "phase", "channel"), [(ardupilot, "climbing", 1), (px4, "climbing", 3), (px4, "flying", 1)]
+)
+def test_a_radio_that_px4_does_not_use_is_a_pilots_too(make: Callable[[], Any], phase: str, channel: int) -> None:
+    world = reaching(phase, make(), take_off=5.0, height=5.0)
+    world.pass_s(2)
+    sticks(world, *(1500 + 300 * (n == channel) for n in range(1, 5)))
+    is_given_to_the_pilot(world, f"a stick (channel {channel}, by 300 µs)")
+
+
+def test_ardupilot_gets_its_throttle_into_the_middle_first() -> None:
+    world = reaching("climbing", ardupilot(), take_off=5.0, height=5.0)
+    world.pass_s(2)
+    sticks(world, 1500, 1500, 1800, 1500)
+    world.pass_s(2)
+    sticks(world, 1500, 1800, 1500, 1500)
+    world.end(WITHIN_S)
+
+
+@pytest.mark.parametrize(
+    ("before", "axes", "what"),
+    [
+        (None, (700, 0, 500, 0), "pitch"),
+        ((0, 0, 500, 0), (0, -700, 500, 0), "roll"),
+        ((0, 0, 500, 0), (0, 0, 500, 700), "yaw"),
+    ],
+)
+def test_a_joystick_of_px4_is_a_pilots(before: Any, axes: tuple[int, ...], what: str) -> None:
+    """It may appear in flight, already moved."""
+    vehicle = px4()
+    vehicle.manual = before
+    world = hunting(vehicle)
+    vehicle.manual = axes
+    is_given_to_the_pilot(world, f"a stick ({what}, by 70 %)")
+
+
+@BOTH
+def test_a_switch_of_the_radio_is_a_pilots(make: Callable[[], Any]) -> None:
+    """PX4 may report a mode of 12 ms, set between two reports and flown over, by nothing else."""
+    world = World(make())
+    radio = Radio(world, *AT_REST)
+    world.hunt()
+    radio.pulses = (*AT_REST[:4], 1500, AT_REST[5])
+    is_given_to_the_pilot(world, "a switch (channel 5, by 500 µs)")
+
+
+def test_a_hold_that_px4_was_not_asked_for_and_never_reported_is_the_pilots_by_the_switch() -> None:
+    """The switch is moved 8 ms before OFFBOARD is ordered, which flies over it."""
+    world = World(px4())
+    radio = Radio(world, *AT_REST)
+    world.until(lambda: any(order == OFFBOARD for order in modes_ordered_so_far(world)))
+    radio.pulses = (*AT_REST[:4], 1500, AT_REST[5])
+    is_given_to_the_pilot(world, "a switch (channel 5, by 500 µs)")
+
+
+def modes_ordered_so_far(world: World) -> list[int]:
+    return [int(m.param2) << 16 for _, m in world.told if getattr(m, "command", 0) == SET_MODE]
+
+
+def test_px4_may_give_the_vehicle_to_the_sticks_itself() -> None:
+    """With COM_RC_OVERRIDE 3: then Hold would take it from them."""
+    vehicle = px4()
+    vehicle.manual = (0, 0, 500, 0)
+    world = hunting(vehicle)
+    moved = world.clock.now()
+    vehicle.manual = (400, 0, 500, 0)
+    world.until(lambda: world.client._commander.phase.name == "YIELDING", 1.0)
+    world.pilot(POSITION)
+    taken = "the mode is position: the pilot or a failsafe has taken over"
+    assert world.fail(1.0) == f"the pilot has moved a stick (pitch, by 40 %); {taken}"
+    world.pass_s(5)
+    assert modes_ordered(world, moved) == []
+    assert world.mode == POSITION
+
+
+@BOTH
+def test_a_stick_stops_the_vehicle_before_its_mode_changes(make: Callable[[], Any]) -> None:
+    world = hunting(make())
+    sticks(world, 1800, 1500, 1500, 1500)
+    world.until(lambda: world.client._commander.phase.name == "YIELDING", 0.5)
+    stopped = world.clock.now()
+    world.end(1.0)
+    assert {(m.vx, m.vy, m.vz) for at, m in set_points(world) if at > stopped} == {(0, 0, 0)}
+
+
+def test_a_stick_that_moves_while_px4_still_stands_keeps_it_on_the_ground(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(simulated_px4._COMMANDS, dialect.MAV_CMD_NAV_TAKEOFF, lambda *_: (0,))  # it is late
+    vehicle = px4()
+    world = reaching("climbing", vehicle)
+    vehicle.manual = (700, 0, 500, 0)
+    assert world.fail(WITHIN_S) == "the pilot has moved a stick (pitch, by 70 %)"
+    assert world.after(5).ned[2] == pytest.approx(0.0, abs=0.01)
+
+
+# -- what is none ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        [(0, 0, 500, 0), (70, -100, 560, 140), (-140, 100, 440, -140)],  # jitter
+        [(-400, 300, 0, 200), (-400, 300, 0, 200)],  # not in the middle from the start, the throttle at its lowest
+        [None, (0, 0, 0, 0)],  # a radio that is switched on in flight, with the throttle at its lowest
+        [(0, 0, 0, 0), None, (20, 20, 0, 20)],  # and one that was lost meanwhile
+        [(0, 0, 500, 0), (0, 0, 32767, 0)],  # an axis that is not used any more
+    ],
+)
+def test_these_axes_are_no_pilot(axes: list[Any]) -> None:
+    vehicle = px4()
+    vehicle.manual = axes[0]
+    world = hunting(vehicle)
+    for there in axes[1:]:
+        vehicle.manual = there
+        world.pass_s(1.5)
+    assert world.end() == ("found", "found")
+
+
+@pytest.mark.parametrize(
+    ("make", "pulses"),
+    [
+        (
+            ardupilot,
+            [
+                *(AT_REST, (1560, 1440, 1560, 1440, 1010, 1490)),  # jitter
+                *((*AT_REST[:5], 1500 + 40 * n) for n in range(1, 10)),  # a knob, or the quality of the link
+            ],
+        ),
+        (ardupilot, [AT_REST, AT_REST[:4], AT_REST]),  # channels that go and come
+        (ardupilot, [AT_REST, (1500, 1500, 900, 1500, 2000, 2000), AT_REST]),  # one that is lost: by FS_THR_VALUE
+        (px4, [(1300, 1700, 1000, 1500, 2000, 1000)] * 2),  # not in the middle from the start
+        (px4, [(0,) * 6, (0,) * 6, (1510, 1490, 1000, 1500, 2000, 1000)]),  # a radio that is switched on in flight
+    ],
+)
+def test_these_pulses_are_no_pilot(make: Callable[[], Any], pulses: list[tuple[int, ...]]) -> None:
+    world = World(make())
+    radio = Radio(world, *pulses[0])
+    world.hunt()
+    for there in pulses[1:]:
+        radio.pulses = there
+        world.pass_s(0.3)
+    assert world.end() == ("found", "found")
+
+
+def test_a_switch_on_the_ground_is_no_reason_to_stay_there() -> None:
+    """It may be what lets the vehicle arm."""
+    world = World(ardupilot())
+    radio = Radio(world, *AT_REST)
+    world.reach("arming")
+    radio.pulses = (*AT_REST[:4], 2000, AT_REST[5])
+    assert world.end() == ("found", "found")
+
+
+@BOTH
+def test_only_the_autopilots_own_messages_count(make: Callable[[], Any]) -> None:
+    """A ground station's MANUAL_CONTROL on the link is a request that the autopilot may ignore."""
+    world = hunting(make())
+    sources = [Encoder(255, 190), Encoder(2, 1), Encoder(1, 190), Encoder(1, 193)]
+    sticks = dialect.MAVLink_manual_control_message(1, 1000, 1000, 1000, 1000, 0)
+    radio = dialect.MAVLink_rc_channels_message(0, 4, *[2000] * 4, *[0xFFFF] * 14, 255)
+    world.between = lambda data: b"".join(
+        [data, *(source.pack(message) for source in sources for message in (sticks, radio) if data)]
+    )
+    assert world.end() == ("found", "found")
+
+
+def test_a_radio_that_px4_has_lost_moves_no_stick() -> None:
+    """Its receiver may put the sticks anywhere; PX4's own failsafe acts."""
+    vehicle = px4()
+    vehicle.manual = (0, 0, 500, 0)
+    world = World(vehicle)
+    radio = Radio(world, *AT_REST)
+    world.hunt()
+    vehicle.manual = None
+    world.pass_s(1.5)
+    radio.pulses = (1200, 1200, 1000, 1200, 1000, 1500)
+    assert world.end() == ("found", "found")
+
+
+# A vehicle that does not follow its set-points is noticed within seconds; one that is slow or blown about is not
+
+
+SET_POINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+NOT_FOLLOWED = "the vehicle does not follow its set-points"
+
+Change = Callable[[World, Any], bool]  # of a set-point on its way up; returns whether it arrives
+
+
+def uplink(world: World, change: Change) -> None:
+    """Let `change` have each set-point before the vehicle gets it."""
+    feed, parser, encoder = world.vehicle.feed, Parser(), Encoder(1, 193)
+
+    def fed(chunk: bytes, now: float, link: int = 0) -> None:
+        for packet in parser.feed(chunk):
+            if packet.msgid != SET_POINT:
+                feed(packet.raw, now, link)
+                continue
+            message: Any = decode(packet)
+            if change(world, message):
+                feed(encoder.pack(message), now, link)
+
+    world.vehicle.feed = fed  # type: ignore[method-assign]
+
+
+def nothing_heard(now: float) -> bytes:
+    return encode(Frame(round(now * 5) % 256, 1, (Channel(),)))
+
+
+def lost(world: World, message: Any) -> bool:
+    return world.client._commander.phase.name != "FLYING"
+
+
+def fence_ahead(world: World, message: Any) -> bool:
+    """As AVOID_ENABLE stops it: 4 m north of the take-off point."""
+    if world.ned[0] > 4.0:
+        message.vx = min(message.vx, 0.0)
+    return True
+
+
+def turned(degrees: float, share: float = 1.0) -> Change:
+    def turn(_: World, message: Any) -> bool:
+        v = cmath.rect(share, math.radians(degrees)) * complex(message.vx, message.vy)
+        message.vx, message.vy = v.real, v.imag
+        return True
+
+    return turn
+
+
+def slower(share: float) -> Change:
+    return turned(0.0, share)
+
+
+@BOTH
+@pytest.mark.parametrize("change", [lost, fence_ahead])
+def test_one_that_does_not_move_is_said_flown_another_way_once_and_landed(
+    make: Callable[[], Any], change: Change
+) -> None:
+    world = World(make())
+    world.reach("flying")
+    begun = world.clock.now()
+    uplink(world, change)
+    kind, how = world.end(60.0)
+    if change is lost and make is px4:  # it leaves OFFBOARD by itself
+        assert how.startswith("the mode is position")
+        return
+    assert kind == "failed"
+    assert not world.armed
+    if change is lost:  # the first order that is not followed may be one to sink
+        assert how.startswith((NOT_FOLLOWED, "it is on the ground, or"))
+        return
+    assert how.startswith(NOT_FOLLOWED)
+    (said,) = [text for text in world.said if text.startswith(NOT_FOLLOWED)]
+    assert "a fence or an obstacle ahead" in said
+    landing = min(row.time_s for row in world.rows if row.phase == "landing")
+    assert landing - begun < 30.0
+    assert math.hypot(*world.ned[:2]) < 12.0
+
+
+@pytest.mark.parametrize(("make", "degrees"), [(ardupilot, 90.0), (px4, -90.0), (ardupilot, 180.0)])
+def test_one_that_flies_another_way_than_ordered_is_landed_at_once(make: Callable[[], Any], degrees: float) -> None:
+    world = World(make())
+    uplink(world, turned(degrees))
+    how = world.fail(60.0)
+    off = re.match(rf"{NOT_FOLLOWED}: it flies (\d+)° off \(", how)
+    assert off, how
+    assert float(off[1]) == pytest.approx(abs(degrees), abs=10.0)
+    flown = [row for row in world.rows if row.phase == "flying"]
+    assert flown[-1].time_s - flown[0].time_s < 10.0
+    assert math.hypot(*world.ned[:2]) < 10.0
+    assert not world.armed
+
+
+FAR = {"area": (-30.0, -10.0, 30.0, 10.0), "limit_s": 40.0}
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "change", "plan"),
+    [
+        pytest.param(px4, {}, slower(0.3), {}, id="slow"),
+        pytest.param(ardupilot, {"wind": (-9.0, 6.0, 0.0)}, slower(0.5), {}, id="wind"),
+        pytest.param(px4, {"gps_noise_m": 3.0, "seed": 3}, slower(0.6), {}, id="walk"),
+        pytest.param(px4, {}, None, {"take_off": 2.0, "height": 12.0}, id="climb"),
+        pytest.param(ardupilot, {}, None, {"speed": 8.0}, id="fast"),
+        pytest.param(px4, {}, None, {"speed": 0.2}, id="creeping"),
+    ],
+)
+def test_one_that_is_slow_blown_about_or_climbs_is_let_fly(
+    make: Callable[..., Any], options: dict[str, Any], change: Change | None, plan: dict[str, Any]
+) -> None:
+    world = World(make(**options), **FAR | plan)
+    world.port.says = nothing_heard
+    if change:
+        uplink(world, change)
+    kind, how = world.end(300.0)
+    assert kind == "not found", how
+    assert NOT_FOLLOWED not in " ".join(world.said)
+
+
+# -- The check of set-points against the motion reported, on motions made up ------------------------------
+
+
+STEP_S = 0.2
+
+
+def first(
+    flown: Callable[[float, complex], complex],
+    *,
+    order: Callable[[float], complex] = lambda t: 1 + 0j,
+    jump_m: float = 0.0,
+    reported: float = 1.0,
+    until_s: float = 60.0,
+) -> tuple[float, Deviation] | None:
+    """The first deviation of a vehicle that flies `flown(t, order)`, and when.
+
+    `jump_m`: of its position, each 10 s. `reported`: the share of its velocity that it reports.
+    """
+    check, place = SetPointCheck(), 0j
+    for step in range(round(until_s / STEP_S)):
+        t = step * STEP_S
+        ordered = order(t)
+        moving = flown(t, ordered) if step else 0j
+        place += moving * STEP_S + (jump_m if step % 50 == 49 else 0.0)
+        velocity = reported * moving
+        vectors = ((v.real, v.imag, 0.0) for v in (ordered, place, velocity))
+        if deviation := check.observe(t, *vectors):
+            return t, deviation
+    return None
+
+
+def aside(degrees: float, share: float = 1.0) -> Callable[[float, complex], complex]:
+    return lambda t, order: order * cmath.rect(share, math.radians(degrees))
+
+
+@pytest.mark.parametrize("degrees", [90.0, -90.0, 120.0, 180.0])
+def test_a_vehicle_that_flies_elsewhere_is_known_after_its_window_with_its_direction(degrees: float) -> None:
+    found = first(aside(degrees))
+    after_s, deviation = found
+    assert 5.0 <= after_s < 7.0
+    assert deviation.off_deg == pytest.approx(degrees, abs=1.0)
+    assert deviation.seconds == pytest.approx(5.0, abs=0.3)
+    assert deviation.ordered_m == pytest.approx(5.0, abs=0.3)
+    assert deviation.flown_m == pytest.approx(5.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("speed", "at_most_s"), [(1.0, 7.0), (0.5, 12.0), (4.0, 10.0)])
+def test_a_vehicle_that_stands_hardly_moves(speed: float, at_most_s: float) -> None:
+    found = first(lambda t, order: 0j, order=lambda t: complex(0.0, speed))
+    assert found[0] < at_most_s
+    assert found[1].off_deg is None
+    assert found[1].flown_m == pytest.approx(0.0)
+
+
+def test_one_that_stops_later_is_known_too() -> None:
+    found = first(lambda t, order: order if t < 30.0 else 0j)
+    assert 33.5 < found[0] < 36.0
+
+
+def ramp(acceleration: float) -> Callable[[float, complex], complex]:
+    """The velocity of a vehicle whose acceleration is limited."""
+    velocity = 0j
+
+    def flown(t: float, order: complex) -> complex:
+        nonlocal velocity
+        lag = order - velocity
+        velocity += lag * min(1.0, acceleration * STEP_S / max(abs(lag), 1e-9))
+        return velocity
+
+    return flown
+
+
+@pytest.mark.parametrize(
+    ("flown", "order"),
+    [
+        pytest.param(aside(0.0), lambda t: 1 + 0j, id="follows"),
+        pytest.param(aside(0.0, 0.3), lambda t: 1 + 0j, id="slow"),
+        pytest.param(aside(0.0, 0.06), lambda t: 5 + 0j, id="limited to 0.3 m/s"),
+        pytest.param(aside(45.0), lambda t: 1 + 0j, id="blown aside"),
+        pytest.param(ramp(0.5), lambda t: complex(1.0 if t % 12 < 6 else -1.0), id="back and forth"),
+        pytest.param(ramp(1.0), lambda t: complex(5.0 if t % 60 < 30 else -5.0), id="fast, back and forth"),
+        pytest.param(ramp(0.5), lambda t: cmath.rect(1.0, t / 2), id="circle"),
+        pytest.param(aside(0.0, 0.0), lambda t: 0j, id="hover"),
+        pytest.param(lambda t, order: order + cmath.rect(0.4, t), lambda t: 0.4 + 0j, id="gusts"),
+    ],
+)
+def test_no_vehicle_that_does_what_it_can_deviates(
+    flown: Callable[[float, complex], complex], order: Callable[[float], complex]
+) -> None:
+    assert first(flown, order=order, until_s=120.0) is None
+
+
+def test_a_position_that_jumps_and_a_velocity_that_is_not_reported_are_no_deviation() -> None:
+    assert first(aside(0.0), jump_m=-9.0) is None
+    assert first(aside(0.0), reported=0.0) is None
+
+
+def test_after_a_gap_or_a_restart_it_begins_again() -> None:
+    check = SetPointCheck()
+    for gap, restarted in ((1.2, False), (STEP_S, True)):
+        for begin in (0.0, 4.6 + gap):
+            for step in range(24):
+                assert check.observe(begin + step * STEP_S, (1.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3) is None
+            if restarted:
+                check.restart()
+        check.restart()

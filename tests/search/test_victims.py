@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,9 +84,11 @@ class Rescue:
         north, east, _ = self.mission.fly(self.now, at)
         return north, east
 
-    def find(self, *channels: Channel, place: Position = AT, found: Found | None = None) -> None:
-        """The strategy finds its transmitter at a place, and it is noted."""
-        self.strategy.finds = found or Found(*place[:2])
+    def find(self, *channels: Channel, after: Sequence[Channel] = (), place: Position = AT) -> None:
+        """The strategy finds its transmitter at a place, and it is noted. `after`: what was heard a second before."""
+        if after:
+            self.step(*after)
+        self.strategy.finds = Found(*place[:2])
         self.step(*channels, at=place)
         self.strategy.finds = None
         before = len(self.of(VictimNoted))
@@ -135,8 +137,7 @@ def test_one_is_found_and_marked_then_the_next_and_the_last_one_ends_it() -> Non
 def test_one_that_is_searched_for_alone_asks_nothing_of_the_receiver() -> None:
     receiver = Receiver()
     rescue = Rescue(1, receiver)
-    rescue.step(beacon(1, 9), beacon(2, 20))
-    rescue.find(beacon(1, 2), beacon(2, 18))
+    rescue.find(beacon(1, 2), beacon(2, 18), after=[beacon(1, 9), beacon(2, 20)])
     assert (in_words(rescue.mission.ended), receiver.asked, rescue.of(VictimNoted)) == (FOUND, [], [])
 
 
@@ -155,8 +156,7 @@ def test_it_hovers_above_the_place_while_pulses_overlap_and_the_mark_is_refused(
 def test_a_receiver_that_marks_nobody_holds_up_nothing(says: str | None, tries: int) -> None:
     receiver = Receiver(says)
     rescue = Rescue(2, receiver)
-    rescue.step(beacon(1, 9), beacon(2, 20))
-    rescue.find(beacon(1, 2), beacon(2, 20))
+    rescue.find(beacon(1, 2), beacon(2, 20), after=[beacon(1, 9), beacon(2, 20)])
     assert [(event.marked, event.left) for event in rescue.of(VictimNoted)] == [(False, 1)]
     assert rescue.now < 130
     assert len(receiver.marks) == tries
@@ -168,8 +168,7 @@ def test_a_receiver_that_marks_nobody_holds_up_nothing(says: str | None, tries: 
 
 def test_without_a_receiver_that_takes_commands_it_is_noted() -> None:
     rescue = Rescue(2)
-    rescue.step(beacon(1, 9), beacon(2, 20))
-    rescue.find(beacon(1, 2), beacon(2, 20))
+    rescue.find(beacon(1, 2), beacon(2, 20), after=[beacon(1, 9), beacon(2, 20)])
     rescue.step(beacon(1, 2), beacon(2, 19))
     assert rescue.mission.choice.target == 2
 
@@ -205,8 +204,7 @@ def test_who_was_heard_on_the_way_is_looked_for_where_that_was() -> None:
 def test_a_mark_that_is_lost_is_said_and_made_again_near_by() -> None:
     receiver = Receiver()
     rescue = Rescue(2, receiver)
-    rescue.step(beacon(1, 9), beacon(2, 20))
-    rescue.find(beacon(1, 2), beacon(2, 18))
+    rescue.find(beacon(1, 2), beacon(2, 18), after=[beacon(1, 9), beacon(2, 20)])
     for _ in range(4):
         rescue.step(marked(1, 3), beacon(2, 18))
     assert not rescue.of(MarkLost)
@@ -225,8 +223,7 @@ def test_a_mark_that_is_lost_is_said_and_made_again_near_by() -> None:
 def test_who_is_led_back_says_so_and_counts_nobody_twice() -> None:
     receiver = Receiver()
     rescue = Rescue(2, receiver)
-    rescue.step(beacon(1, 9))
-    rescue.find(beacon(1, 2))
+    rescue.find(beacon(1, 2), after=[beacon(1, 9)])
     rescue.step(beacon(5, 2))  # the same transmitter under another number
     rescue.find(beacon(5, 2), place=(3.4, 4.3, -1.0))
     assert [(event.transmitter, event.number) for event in rescue.of(VictimAgain)] == [(5, 1)]
@@ -242,10 +239,8 @@ def test_who_is_led_back_says_so_and_counts_nobody_twice() -> None:
 
 def test_two_who_were_heard_together_are_two_however_near() -> None:
     rescue = Rescue(2)
-    rescue.step(beacon(1, 9), beacon(2, 9))
-    rescue.find(beacon(1, 2), beacon(2, 2))
-    rescue.step(beacon(1, 2), beacon(2, 2))
-    rescue.find(beacon(1, 2), beacon(2, 2), place=(3.2, 4.2, -1.0))
+    rescue.find(beacon(1, 2), beacon(2, 2), after=[beacon(1, 9), beacon(2, 9)])
+    rescue.find(beacon(1, 2), beacon(2, 2), place=(3.2, 4.2, -1.0), after=[beacon(1, 2), beacon(2, 2)])
     assert in_words(rescue.mission.ended) == FOUND
 
 
@@ -255,8 +250,7 @@ def test_two_who_were_heard_together_are_two_however_near() -> None:
 def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, False))
     rescue = Rescue(2)
-    rescue.step(beacon(1, 9))
-    rescue.find(beacon(1, 2))
+    rescue.find(beacon(1, 2), after=[beacon(1, 9)])
     assert [event.transmitter for event in rescue.of(PlaceDoubted)] == [1]
     assert not rescue.mission.victims.places
     rescue.step(beacon(1, 9))
@@ -265,8 +259,7 @@ def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeyp
     assert [victim.sure for victim in rescue.mission.victims.places] == [False]
     monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, True))
     for id_ in (2, 3):
-        rescue.step(beacon(id_, 9))
-        rescue.find(beacon(id_, 2), place=(9.0 * id_, 5.0, -1.0))
+        rescue.find(beacon(id_, 2), place=(9.0 * id_, 5.0, -1.0), after=[beacon(id_, 9)])
     assert in_words(rescue.mission.ended) == NOT_SURE  # two are sure, and a third place is not
     assert conclusion(rescue.mission)[0] == "not sure"
 
@@ -282,16 +275,14 @@ def test_a_place_that_is_not_sure_stays_so_when_another_is_left_to_be_found_agai
     assert [victim.sure for victim in rescue.mission.victims.places] == [False]
     monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, True))
     monkeypatch.setattr(LastLook, "check", lambda self, found, time_s, *, last: LOOK_AGAIN)
-    rescue.step(beacon(2, 9))
-    rescue.find(beacon(2, 2), place=(20.0, 5.0, -1.0))
+    rescue.find(beacon(2, 2), place=(20.0, 5.0, -1.0), after=[beacon(2, 9)])
     assert rescue.mission.found is None
     assert not rescue.mission.sure
 
 
 def test_when_the_time_is_up_it_says_how_many() -> None:
     rescue = Rescue(3, limit_s=50)
-    rescue.step(beacon(1, 9), beacon(2, 20))
-    rescue.find(beacon(1, 2), beacon(2, 20))
+    rescue.find(beacon(1, 2), beacon(2, 20), after=[beacon(1, 9), beacon(2, 20)])
     while not rescue.mission.ended:
         rescue.step(beacon(2, 20))
         assert rescue.now < 160
@@ -324,8 +315,7 @@ def test_who_takes_too_long_waits_for_the_others() -> None:
 
 def test_a_receiver_that_falls_silent_ends_it_with_the_list_all_the_same() -> None:
     rescue = Rescue(2)
-    rescue.step(beacon(1, 9))
-    rescue.find(beacon(1, 2))
+    rescue.find(beacon(1, 2), after=[beacon(1, 9)])
     for _ in range(12):
         rescue.now += 1.0
         rescue.mission.fly(rescue.now, AT)
@@ -400,7 +390,6 @@ def test_both_are_found_and_it_lands_on_the_last_one(make: Callable[[], Any]) ->
     world = two(make())
     assert world.end() == ("found", "found")
     outcome = world.client.outcome
-    assert outcome is not None
     assert {victim.id for victim in outcome.victims} == {1, 2}
     assert all(victim.marked for victim in outcome.victims)
     assert world.ned == pytest.approx((*PLACES[2], 0.0), abs=0.6)
@@ -418,10 +407,8 @@ def test_a_pilot_who_takes_over_between_two_hears_no_more_of_it(make: Callable[[
     kind, how = world.end(1.5)
     assert (kind, how.endswith("the pilot or a failsafe has taken over")) == ("failed", True)
     let_go = world.clock.now()
-    world.pass_s(30)
-    assert world.orders(let_go) == []
+    assert world.after(30).orders(let_go) == []
     outcome = world.client.outcome
-    assert outcome is not None
     assert [victim.id for victim in outcome.victims] == [1]  # what was found is told all the same
 
 

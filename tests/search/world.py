@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,12 @@ def buried(seed: int, strength: float = 1.0) -> tuple[str, tuple[float, float]]:
     pose = f"enu: [0, 0, {-rng.uniform(0, 2)}], attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
     bearing = rng.uniform(0, 2 * math.pi)
     return f"{{id: 1, {pose}, strength: {strength}}}", (28 * math.cos(bearing), 28 * math.sin(bearing))
+
+
+def fly_to_buried(number: int, strategy: Strategy, *others: str, strength: float = 1.0, **options: Any) -> Flight:
+    """Search for a transmitter at any attitude, from 28 m away."""
+    transmitter, start = buried(number, strength)
+    return fly(strategy, transmitter, *others, start=start, **options)
 
 
 def _tuple(place: NDArray[np.float64]) -> Position:

@@ -15,7 +15,6 @@ from arva_hil.mavlink.codec import Encoder, Packet, Parser, command, decode, dia
 
 _COMPONENT: Final = 194  # beside those of emulator and search
 _SIM_STATE: Final = dialect.MAVLINK_MSG_ID_SIM_STATE  # ArduPilot's
-_HIL_STATE: Final = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION  # PX4's
 _RATE_HZ: Final = 20.0
 
 Weather = Callable[[float], Mapping[str, float]]  # seconds → parameters, set once a second
