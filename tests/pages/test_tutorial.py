@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import runpy
+import shlex
 import signal
 import subprocess
 import sys
@@ -28,6 +30,7 @@ from arva_hil.events.vehicles import VehicleFound
 from arva_hil.links.pty import PtyLink
 from firmware_proto import INNER, MID, OUTER, Channel, Frame, encode
 from tests.cli.far_ends import UNDER_TEST
+from tests.cli.forked import Forked, possible
 
 from .pages import FENCE, ROOT, Typed, console, pattern
 
@@ -41,22 +44,14 @@ class Terminal:
     def __init__(self, folder: Path, environment: dict[str, str]) -> None:
         self._folder = folder
         self._environment = environment
-        self._running: subprocess.Popen[bytes] | None = None
+        self._running: subprocess.Popen[bytes] | Forked | None = None
         self._said = tempfile.TemporaryFile("a+b")  # noqa: SIM115 (closed in `close`); its writer appends, whoever reads
 
     def type(self, typed: Typed, *, stays: bool) -> None:
         """Type a command, and wait for its end, or until it has answered when it stays; compare what it said."""
         self._said.seek(0)
         self._said.truncate()
-        self._running = subprocess.Popen(
-            ["bash", "-c", typed.command],
-            cwd=self._folder,
-            env=self._environment,
-            stdin=subprocess.DEVNULL,
-            stdout=self._said,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+        self._running = self._begin(typed.command)
         wanted = pattern(typed.answer)
         end = time.monotonic() + DEADLINE_S
         while time.monotonic() < end:
@@ -75,19 +70,33 @@ class Terminal:
         assert self._running.wait(0) == 0, f"{typed.place}: {self.said()}"
         assert wanted.fullmatch(self.said()), f"{typed.place}: expected\n{typed.answer}\nit said\n{self.said()}"
 
+    def _begin(self, command: str) -> subprocess.Popen[bytes] | Forked:
+        """A command of the program alone is forked, for that is the same; the rest is for a shell."""
+        streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": self._said, "stderr": subprocess.STDOUT}
+        where: dict[str, Any] = {"cwd": self._folder, "env": self._environment}
+        if re.match(r"arva-hil [a-z-]+[^&;|]*$", command) and not UNDER_TEST and possible(where):
+            return Forked(shlex.split(command)[1:], **streams | {"stderr": self._said}, **where)
+        return subprocess.Popen(["bash", "-c", command], start_new_session=True, **streams, **where)
+
     def said(self) -> str:
         self._said.seek(0)
         return self._said.read().decode()
 
     def interrupt(self) -> None:
         """Type Ctrl-C."""
-        os.killpg(self._running.pid, signal.SIGINT)
+        self._send(signal.SIGINT)
         self._running.wait(DEADLINE_S)
         assert "Traceback" not in self.said(), self.said()
 
+    def _send(self, number: signal.Signals) -> None:
+        if isinstance(self._running, Forked):
+            self._running.send_signal(number)
+        else:
+            os.killpg(self._running.pid, number)
+
     def close(self) -> None:
         if self._running is not None and self._running.poll() is None:
-            os.killpg(self._running.pid, signal.SIGKILL)
+            self._send(signal.SIGKILL)
             self._running.wait()
         self._said.close()
 
@@ -102,6 +111,7 @@ def terminals(tmp_path: Path) -> Iterator[dict[str, Terminal]]:
         (folder / name).symlink_to(ROOT / name)
     programs = f"{Path(UNDER_TEST or sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {"HOME": str(home), "PATH": programs, "TMPDIR": str(tmp_path), "LANG": "C.UTF-8"}
+    environment["ARVA_HIL_JOBS"] = "1"
     opened: dict[str, Terminal] = defaultdict(lambda: Terminal(folder, environment))
     yield opened
     for terminal in opened.values():
