@@ -525,7 +525,8 @@ def test_an_unread_port_a_broken_link_and_a_flood_hold_up_no_other(start: Start,
         for _ in range(20):
             flood.write(bytes(range(256)) * 5)
         frames += consumer.read(1)
-    assert f"{at}: lost" in program.stops()
+    says(program.stops(), f"{at}: lost", "\nbravo: no vehicle was found; its link: 0 bytes")
+    assert re.search(r"(?m)^alpha/heard: \d+ frames: \d+ sent", program.err)
     vehicles_ran = json.loads((record / "run.json").read_text())["vehicles"]
     receivers_ran = vehicles_ran["alpha"]["receivers"]
     assert vehicles_ran["charlie"]["counters"]["bytes_skipped"] > 100_000
@@ -632,5 +633,7 @@ def test_a_record_is_not_written_through_a_folder_that_was_there(arva: Arva, tmp
     record.mkdir()
     (record / "alpha").symlink_to(elsewhere)
     path = fleet_file(tmp_path, vehicle("alpha", 1, "pty", "{name: a, port: pty}", "{name: b, port: pty}"))
-    assert "holds a record already (alpha)" in arva.refused("run", "--scenario", path, "--record", record)
+    assert "holds a record already (alpha); name another folder" in arva.refused(
+        "run", "--scenario", path, "--record", record
+    )
     assert [*elsewhere.iterdir(), *record.iterdir()] == [record / "alpha"]
