@@ -10,7 +10,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from types import UnionType
+from enum import Enum
+from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, get_type_hints
 
 from arva_hil.config.constraints import FLOAT, WHOLE, Constraint, read_each
@@ -23,9 +24,10 @@ _LIMITS: Final = {  # by the name in annotated-types: the comparison, its words,
     "lt": (operator.lt, "less than", "exclusiveMaximum"),
     "le": (operator.le, "less than or equal to", "maximum"),
 }
+_TRUE: Final = "(?i:true|yes|on|y|t|1)"
 _TYPES: Final[Mapping[Any, tuple[str, str, Any]]] = {  # the name in a JSON Schema, the texts, the values in Python
-    bool: ("boolean", "true|false", bool),
-    int: ("integer", WHOLE.pattern, numbers.Integral),
+    bool: ("boolean", rf"{_TRUE}|(?i:false|no|off|n|f|0)", bool),
+    int: ("integer", rf"(?:{WHOLE.pattern})(?:\.0*)?", numbers.Integral),
     float: ("number", FLOAT.pattern, numbers.Real),
     str: ("string", "(?s:.*)", str),
 }
@@ -33,17 +35,18 @@ _TYPES: Final[Mapping[Any, tuple[str, str, Any]]] = {  # the name in a JSON Sche
 
 @dataclass(frozen=True)
 class OwnKey(Constraint):
-    """The constraint of a field. `hint`: its annotation; `default`: MISSING without one."""
+    """The constraint of a field. `hint`: its annotation; `default`: MISSING if it has none, or makes one."""
 
     hint: Any
     default: Any
+    required: bool
 
     def read(self, value: Any) -> Any:
         return _read(self.hint, value)
 
     def json(self) -> dict[str, Any]:
-        default = {} if self.default in (None, MISSING) else {"default": self.plain(self.default, 1)}
-        return _schema(self.hint) | default
+        has_one = isinstance(self.default, str | int | float | tuple) and not isinstance(self.default, Enum)
+        return _schema(self.hint) | ({"default": self.plain(self.default, 1)} if has_one else {})
 
 
 def own_keys(cls: type[Any] | None) -> Mapping[str, OwnKey]:
@@ -53,12 +56,15 @@ def own_keys(cls: type[Any] | None) -> Mapping[str, OwnKey]:
     if not is_dataclass(cls):
         raise KindError(f"the Options {cls.__qualname__} are no dataclass", "decorate them with @dataclass")
     hints = get_type_hints(cls, include_extras=True)
-    return {one.name: OwnKey(hints[one.name], one.default) for one in fields(cls)}
+    return {
+        one.name: OwnKey(hints[one.name], one.default, one.default is MISSING and one.default_factory is MISSING)
+        for one in fields(cls)
+    }
 
 
 def required_keys(cls: type[Any] | None) -> list[str]:
     """Return the own keys without a default."""
-    return [name for name, one in own_keys(cls).items() if one.default is MISSING]
+    return [name for name, one in own_keys(cls).items() if one.required]
 
 
 def _read(hint: Any, value: Any) -> Any:
@@ -71,7 +77,7 @@ def _read(hint: Any, value: Any) -> Any:
                 raise wrong(f"{words} {limit}")
         return made
     if origin in (Union, UnionType):  # with None
-        return None if getattr(value, "plain", value) in (None, "null", "~") else _read(args[0], value)
+        return None if getattr(value, "plain", value) in (None, "null", "~") else _read(_not_none(args), value)
     if origin in (tuple, list):
         return _several(origin, args, value)
     if origin is Literal:
@@ -87,10 +93,14 @@ def _one(cls: Any, value: Any) -> Any:
         fits = bool(re.fullmatch(texts, plain))
     else:
         fits = isinstance(plain, kinds) and (cls is bool or not isinstance(plain, bool))
-    with suppress(ValueError):  # of another class
-        if fits:
-            return plain in (True, "true") if cls is bool else cls(plain)
-    raise wrong(f"a valid {name}")
+    if not fits:
+        raise wrong(f"a valid {name}")
+    if cls is bool:
+        return bool(re.fullmatch(_TRUE, str(plain)))
+    try:
+        return cls(plain.partition(".")[0] if cls is int and isinstance(plain, str) else plain)
+    except ValueError:  # of another class
+        raise wrong(f"a valid {name}") from None
 
 
 def _word(words: Sequence[Any], value: Any) -> Any:
@@ -123,7 +133,7 @@ def _schema(hint: Any) -> dict[str, Any]:
     if origin is Annotated:
         return _schema(args[0]) | {name: limit for limit, (_, _, name) in _limits(args)}
     if origin in (Union, UnionType):
-        return _schema(args[0])
+        return _schema(_not_none(args))
     if origin is Literal:
         return {"enum": list(args)} | _schema(type(args[0]))
     if origin is list or (origin is tuple and args[-1] is ...):
@@ -137,6 +147,12 @@ def _schema(hint: Any) -> dict[str, Any]:
 def _limits(args: Sequence[Any]) -> Iterator[tuple[Any, tuple[Any, str, str]]]:
     """Yield the limits in an annotation."""
     for annotation in args[1:]:
-        for name, limit in _LIMITS.items():
-            if (value := getattr(annotation, name, None)) is not None:
-                yield value, limit
+        for one in (annotation, *getattr(annotation, "metadata", ())):  # pydantic's Field has its limits there
+            for name, limit in _LIMITS.items():
+                if (value := getattr(one, name, None)) is not None:
+                    yield value, limit
+
+
+def _not_none(args: Sequence[Any]) -> Any:
+    """Return the type in `X | None`."""
+    return next(one for one in args if one is not NoneType)
