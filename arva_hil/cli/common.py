@@ -11,7 +11,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
 from arva_hil.cli import outcome
@@ -27,7 +27,7 @@ from arva_hil.emulator.setup import receivers_of
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
 from arva_hil.events.words.reasons import no_vehicle
 from arva_hil.events.words.text import Notice
-from arva_hil.links import Link, LinkEnded, LinkError, open_link
+from arva_hil.links import Link, LinkEnded, LinkError, open_link, parse
 from arva_hil.links.stdout import ReaderGone, open_stdout
 from arva_hil.observers.console import LinePrinter, Printer, as_json, plain
 from arva_hil.records.writing import Recorder, RecordError, RecordLayout
@@ -114,6 +114,18 @@ def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_
     if link.away:
         tell(f"waiting for {link.why}")
     return link
+
+
+def open_reopened(address: str, clock: Clock, stack: ExitStack, *, answered: bool = False) -> Link:
+    """Open a link that `stack` closes, and that is opened again whenever it is lost. Raises as `open_or_fail` does.
+
+    A TCP server may come later; others must be there at the start.
+    """
+    from arva_hil.links.reconnecting import open_reconnecting  # with serial ports, which a replay does not need
+
+    patient = parse(address).kind == "tcp"
+    link = open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
+    return stack.enter_context(closing(link))
 
 
 def attend(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +21,6 @@ from arva_hil.clock import Clock, RealClock
 from arva_hil.config import Scenario
 from arva_hil.events.words.reasons import no_vehicle
 from arva_hil.links import Link, parse
-from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.url import Address, place
 from arva_hil.observers.console import Printer
 from arva_hil.records.fitting import FitError
@@ -49,7 +48,7 @@ def main(options: argparse.Namespace) -> int:
         log = receiver_log(options, scenario, session(options, signing=key), start=clock.now(), timeout=options.timeout)
         links = {}
         for name, address in ((AUTOPILOT, autopilot), (RECEIVER, options.receiver)):
-            links[name] = _opened(address, clock, stack, answered=name == AUTOPILOT)
+            links[name] = common.open_reopened(address, clock, stack, answered=name == AUTOPILOT)
             tell(f"{name}: {links[name].name}")
         known = about(options, scenario)
         recorder = recorded_in(options.folder, clock.epoch_us, known)
@@ -202,9 +201,3 @@ class _Watch:
             if not self._log.received.decoder.good:
                 self._printer.say(f"warning: no frame for {_SILENT_S:g} s: {doubt(self._log, self._format)}")
         return now + _LOOK_S
-
-
-def _opened(address: str, clock: Clock, stack: ExitStack, *, answered: bool) -> Link:
-    patient = parse(address).kind == "tcp"
-    link = common.open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
-    return stack.enter_context(closing(link))

@@ -12,8 +12,7 @@ from arva_hil.cli.summary import lost_links
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock
 from arva_hil.emulator.engine import Emulator
-from arva_hil.links import Link, parse
-from arva_hil.links.reconnecting import open_reconnecting
+from arva_hil.links import Link
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.systemd import Watchdog
@@ -69,19 +68,13 @@ def _opened(
     sides: FleetSides, clock: Clock, stack: ExitStack, *, named: bool
 ) -> tuple[dict[str, Link], dict[str, Link]]:
     """Open the links of the autopilots, and those for frames, by the engine's names. Lost links are opened again."""
-
-    def opened(address: str, *, answered: bool = False) -> Link:
-        patient = parse(address).kind == "tcp"  # wait for a TCP server; others must be there at the start
-        link = common.open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
-        return stack.enter_context(closing(link))
-
     autopilots, ports = dict[str, Link](), dict[str, Link]()
     for name, address in sides.autopilots.items():
         of = ", ".join(vehicle for vehicle, link in sides.of_vehicle.items() if link == name)
         tell(f"autopilot{of and f' of {of}'}: {address}")
-        autopilots[name] = opened(address, answered=True)
+        autopilots[name] = common.open_reopened(address, clock, stack, answered=True)
     for name, address in sides.ports.items():
-        ports[name] = out = opened(address)
+        ports[name] = out = common.open_reopened(address, clock, stack)
         if isinstance(out, StdoutLink):
             out.give_up = lambda: True  # drop a frame rather than delay the next one
         tell(f"frames{f' of {name}' if named else ''} to: {out.name}")

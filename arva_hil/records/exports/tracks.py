@@ -18,6 +18,7 @@ from arva_hil.events.words.text import in_metres
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.records.reading.search import RecordedPlace, RecordedSearch
+from arva_hil.records.writing import layout
 from arva_hil.search.strategies.strategy import sigma_of
 
 Floats = NDArray[np.float64]
@@ -87,10 +88,7 @@ def rounded(lla: NDArray[Any]) -> Floats:
 
 def moment(recording: Recording, time_s: float) -> str:
     """Return a time of the run in UTC, ISO 8601; in 1970 if the date is unknown."""
-    try:
-        return utc(round(((recording.start_utc_s or 0.0) + time_s) * 1e6))
-    except (ValueError, OverflowError, OSError):
-        return utc(0)
+    return layout.moment(time_s, round((recording.start_utc_s or 0.0) * 1e6)) or utc(0)
 
 
 def plain_rows(values: NDArray[Any]) -> Iterator[Any]:
