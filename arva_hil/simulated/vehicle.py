@@ -111,7 +111,7 @@ class Truth(NamedTuple):
 
 @dataclass
 class _Boot:
-    """What the vehicle forgets at a reboot."""
+    """The state that ends with a reboot."""
 
     at: int
     """Its time, µs since the origin."""

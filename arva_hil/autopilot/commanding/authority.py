@@ -28,7 +28,7 @@ MODE_WANTED: Final = {dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0, MAVLINK_MSG_ID_CUR
 
 
 class Holder(Enum):
-    """Who has the vehicle, by the reports of its mode. `HOLDERS` has the meaning and the transitions."""
+    """The side that has the vehicle, by the reports of its mode. `HOLDERS` has the meaning and the transitions."""
 
     UNKNOWN = auto()
     SEARCH = auto()
@@ -122,7 +122,7 @@ class Authority:
 
     @property
     def holder(self) -> Holder:
-        """Who has the vehicle."""
+        """The side that has the vehicle."""
         if not self.settled:
             return Holder.UNKNOWN
         return Holder.OTHER if self.usurped else Holder.SEARCH
