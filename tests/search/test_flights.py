@@ -240,6 +240,13 @@ def test_no_find_is_false(strategy: str, seed: int) -> None:
     assert flown(strategy, seed, most=3).kind != "false"
 
 
+def test_a_dead_antenna_is_noticed_and_the_transmitter_found() -> None:
+    one = flown("estimate", 69, most=3)
+    assert "antenna_y=0" in one.faults
+    assert one.kind == "found"
+    assert one.error_m < 0.5
+
+
 # What a search tells of itself to whoever watches: frames and where they were heard, beliefs, the place found
 
 
