@@ -477,8 +477,7 @@ MODULES = {
 }
 
 
-@pytest.mark.parametrize("how", WAYS)
-@pytest.mark.parametrize("module", MODULES)
+@pytest.mark.parametrize(("module", "how"), [*zip(MODULES, [*WAYS] * 3, strict=True)])
 def test_a_signal_while_a_module_is_imported_ends_it_quietly(tmp_path: Path, module: str, how: str) -> None:
     (tmp_path / "sitecustomize.py").write_text(HOOK)
     command = [sys.executable, *WAYS[how], "demo", "--speed", "max"]
