@@ -770,6 +770,21 @@ def test_how_often_it_is_polled_changes_nothing(flight: list[Any], steps: list[f
     assert len(said) > 1000
 
 
+TAKES_OFF = b"".join(map(Encoder(255, 190).pack, [long(SET_MODE, 1, GUIDED), long(ARM, 1), long(TAKEOFF, *[0] * 6, 3)]))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(0, len(TAKES_OFF)), max_size=12), st.binary(max_size=30))
+def test_bytes_may_be_cut_anywhere(cuts: list[int], garbage: bytes) -> None:
+    whole, cut = SimulatedVehicle(HOME), SimulatedVehicle(HOME)
+    whole.feed(garbage.replace(b"\xfd", b"").replace(b"\xfe", b"") + TAKES_OFF, 0.5)
+    for a, b in pairwise([0, *sorted(cuts), len(TAKES_OFF)]):
+        cut.feed(TAKES_OFF[a:b], 0.5)
+    assert whole.poll(8.0) == cut.poll(8.0)
+    assert whole.truth(8.0) == cut.truth(8.0)
+    assert -cut.truth(8.0).ned[2] == pytest.approx(3.0, abs=0.2)
+
+
 @given(st.lists(st.binary(max_size=80), max_size=5))
 def test_garbage_is_dropped(chunks: list[bytes]) -> None:
     vehicle = SimulatedVehicle(HOME)
