@@ -24,9 +24,9 @@ from arva_hil.records.reading import RecordedReceiver, load
 from arva_hil.records.reading.recording import NO_ID
 from tests.browser import ARGUMENTS, CHROMIUM
 
-READ = """([time, seq]) => {
+READ = """([time, reading]) => {
   const text = (id) => document.getElementById(id).textContent;
-  if (document.getElementById("number").dataset.seq !== String(seq) || Math.abs(Number(document.getElementById("slider").value) - time) > 0.006) return null;
+  if (Math.abs(Number(document.getElementById("number").dataset.time) - reading) > 0.0006 || Math.abs(Number(document.getElementById("slider").value) - time) > 0.006) return null;
   const rows = [...document.querySelectorAll("#channels tbody tr")].map((row) => [...row.cells].map((cell) => cell.textContent));
   return { rows, distance: text("distance"), heard: text("heard"), number: text("number"), map: document.getElementById("map").getAttribute("aria-label") };
 }"""  # noqa: E501
@@ -114,7 +114,7 @@ def main() -> int:
             time_s = round(chance.uniform(max(0.0, float(receiver.time_s[0])), recording.span_s[1]), 2)
             i = int(np.searchsorted(receiver.time_s, time_s, side="right")) - 1
             page.evaluate(GO, time_s)
-            shown = page.wait_for_function(READ, arg=[time_s, int(receiver.sequence[i])]).json_value()
+            shown = page.wait_for_function(READ, arg=[time_s, float(receiver.time_s[i])]).json_value()
             found += [f"{time_s} s: {what}" for what in wrong(shown, receiver, i)]
         heap_mb = page.evaluate("performance.memory.usedJSHeapSize") / 1e6
         browser.close()
