@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -233,9 +232,10 @@ class Estimation:
         start = self.scatter.theta
         simplex = np.vstack([start, *(start + 0.7 * row for row in np.eye(3))])
         found = minimize(
-            lambda theta: told(theta) + _out_of_bounds(theta),
+            told,
             start,
             method="Nelder-Mead",
+            bounds=[(usual - 6, usual + 6) for usual in USUAL.theta],
             options={"initial_simplex": simplex, "maxfev": 60, "fatol": 0.05},
         )
         without = found.x.copy()
@@ -301,11 +301,6 @@ class Estimation:
         return result
 
 
-def _out_of_bounds(theta: Floats) -> float:
-    """Return a cost that keeps the search for the scatter in bounds."""
-    return float(1e3 * (np.maximum(np.abs(theta - USUAL.theta) - 6, 0) ** 2).sum())
-
-
 def _second_derivatives(cost: Callable[[Floats], float], at: Floats) -> Floats:
     """Return half the matrix of second derivatives: the information, if the cost is −2 ln likelihood."""
     step, n = 0.15, len(at)
@@ -318,18 +313,3 @@ def _second_derivatives(cost: Callable[[Floats], float], at: Floats) -> Floats:
             both = cost(at + step * (np.eye(n)[i] + np.eye(n)[j]))
             result[i, j] = result[j, i] = (both - ends[i, 1] - ends[j, 1] + middle) / step**2
     return np.nan_to_num(result / 2, posinf=0.0, neginf=0.0)
-
-
-def speeds(flight: RecordedFlight) -> Floats:
-    """Return the vehicle's speed at each reading [m/s]."""
-    position = np.stack([np.interp(flight.time_s, flight.track_s, column) for column in flight.track.T], axis=1)
-    later = np.stack([np.interp(flight.time_s + 0.5, flight.track_s, column) for column in flight.track.T], axis=1)
-    speed: Floats = np.linalg.norm(later - position, axis=1) / 0.5
-    return speed
-
-
-def heading_span(flight: RecordedFlight) -> float:
-    """Return the angle that the vehicle's heading covers [rad]."""
-    w, x, y, z = flight.attitude.T
-    yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-    return float(sum(abs(b - a) for a, b in pairwise([yaw.min(), yaw.max()])))
