@@ -27,6 +27,7 @@ PROGRAMS = {
     "sitl fly": "tools.fly_simulators",
     "sitl lua": "tools.fly_lua",
     "sitl pilot": "tools.pilot_authority",
+    "sitl victim": "tools.fly_victim",
     "soak run": "tools.soak.run",
     "soak can": "tools.can_tunnel",
     "soak kills": "tools.soak.kills",

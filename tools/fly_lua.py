@@ -23,7 +23,7 @@ from typing import Any, Final
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.model.field import LocalFrame
 from tools.sitl.judge import Program
-from tools.sitl.relay import run_first
+from tools.sitl.relay import Relay, run_first
 from tools.sitl.simulator import HOME, Simulator, wait
 
 SCRIPTS: Final = Path(__file__).parents[1] / "firmware_proto" / "ardupilot"
@@ -67,19 +67,9 @@ def fly(binary: Path, folder: Path, seed: int, slope: float, rangefinder: bool) 
             said = [n.text for n in notes if type(n).id == dialect.MAVLINK_MSG_ID_STATUSTEXT]
             return next((line for line in said if any(word in line for word in begins)), "")
 
-        def order(kind: int, *values: float) -> None:
-            relay.say(command(1, 1, kind, *values))
-
-        order(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 200_000)
-        order(dialect.MAV_CMD_DO_SET_MODE, 1, GUIDED)
-        wait(lambda: relay.mode == GUIDED, 10)
-        for _ in range(20):
-            order(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-            with contextlib.suppress(TimeoutError):
-                wait(lambda: relay.armed, 3)
-                break
-        order(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, START_M)
-        wait(lambda: relay.height > START_M - 0.3, 40)
+        wanted = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+        relay.say(command(1, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, wanted, 200_000))
+        take_off(relay)
         assert simulator.weather is not None
         simulator.weather.begun = True
         begun = time.monotonic()
@@ -96,6 +86,19 @@ def fly(binary: Path, folder: Path, seed: int, slope: float, rangefinder: bool) 
             error = math.dist(there[:2], (north, east))
     print(f"{seed:4}  error {error:5.2f} m  lowest {lowest:5.2f} m  {ended - begun:4.0f} s  {how}", flush=True)
     return error < math.inf
+
+
+def take_off(relay: Relay) -> None:
+    """Arm ArduCopter in GUIDED, and climb to START_M."""
+    relay.say(command(1, 1, dialect.MAV_CMD_DO_SET_MODE, 1, GUIDED))
+    wait(lambda: relay.mode == GUIDED, 10)
+    for _ in range(20):
+        relay.say(command(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1))
+        with contextlib.suppress(TimeoutError):
+            wait(lambda: relay.armed, 3)
+            break
+    relay.say(command(1, 1, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, START_M))
+    wait(lambda: relay.height > START_M - 0.3, 40)
 
 
 def main() -> int:

@@ -50,7 +50,7 @@ class Weather:
 
 class Simulator:
     """A simulator as a process. `telemetry`: the emulator's link. ArduPilot's may have ground that rises to the north,
-    `slope` m a metre, a rangefinder, and a receiver on the serial port `receiver`, for scripts."""
+    `slope` m a metre, a rangefinder, a receiver on the serial port `receiver`, for scripts, and more `parameters`."""
 
     def __init__(
         self,
@@ -61,6 +61,7 @@ class Simulator:
         slope: float = 0.0,
         rangefinder: bool = False,
         receiver: Path | None = None,
+        parameters: str = "",
     ) -> None:
         self.slope = slope
         self.copter = binary.name == "arducopter"
@@ -81,6 +82,7 @@ class Simulator:
                 f"TERRAIN_ENABLE {int(slope != 0)}\nTERRAIN_SPACING {SPACING_M}\n"
                 f"RNGFND1_TYPE {100 * rangefinder}\nRNGFND1_ORIENT 25\n"
                 + ("SCR_ENABLE 1\nSERIAL5_PROTOCOL 28\n" if receiver else "")
+                + parameters
                 + ("FENCE_ENABLE 1\nFENCE_TYPE 2\nFENCE_RADIUS 10\nFENCE_ACTION 0\n" if kind == "fence" else "")
             )
             self._start(
