@@ -75,7 +75,7 @@ class Simulator:
         self.relay: Relay
         if self.copter:
             port = 5760 + 10 * COPTER
-            parameters = binary.parents[3] / "Tools/autotest/default_params/copter.parm"
+            usual = binary.parents[3] / "Tools/autotest/default_params/copter.parm"
             home = "{},{},{},0".format(*HOME)
             own = folder / "own.parm"
             own.write_text(
@@ -87,7 +87,7 @@ class Simulator:
             )
             self._start(
                 *(binary, f"-I{COPTER}", "--model", "quad", "--serial0", "tcp:0", "--speedup", SPEEDUP),
-                *("--home", home, "--defaults", f"{parameters},{own}"),
+                *("--home", home, "--defaults", f"{usual},{own}"),
                 *(("--serial5", f"uart:{receiver}:57600") if receiver else ()),
             )
             self.telemetry = f"tcp:127.0.0.1:{port + 2}"
