@@ -10,10 +10,10 @@ INTERRUPTED = 130  # as in cli/outcome.py, which is not imported yet
 def main() -> int:
     """Run the command that the command line names; return the exit code.
 
-    While a command is imported, and after its end, a signal ends the process at once. An exception in the middle of an
-    import could become another one.
+    While a command is imported, and after its end, a signal ends the process at once. An exception within an
+    import may be replaced by another one.
     """
-    gc.disable()  # it would visit the new objects again and again; `cli.main` enables it before a command starts
+    gc.disable()  # imports create many objects, none of them garbage; `cli.main` enables it before a command starts
     try:
         import signal  # takes a few milliseconds
 

@@ -21,13 +21,15 @@ if TYPE_CHECKING:
 
 
 class Registry:
-    """Finds kinds by name. Remembers those that were used in `loaded`.
+    """Finds kinds by name, and keeps those that it found in `loaded`. Iterating gives the built-in names.
 
-    `what`: the name for one of them. `group`: the group of entry points of other packages. `built_in`:
-    `module:attribute` by name; other packages cannot replace these. `requires`: attributes that each kind must have;
-    one of two as "new or old". `references`: whether `module:attribute` is a valid name too. `attributes`: attributes
-    that each object of a class must have; to check them, an object is made with the arguments `made_with`. Iterating
-    gives the built-in names.
+    - `what`: the word for one kind, e.g. "fault".
+    - `group`: the group of entry points of other packages.
+    - `built_in`: `module:attribute` by name; other packages cannot replace these.
+    - `requires`: attributes that each kind must have; "new or old" requires one of the two.
+    - `references`: True if `module:attribute` is a valid name too.
+    - `made_with`: arguments with which an object of a class is made, to check its `attributes`.
+    - `attributes`: attributes that each object of a class must have.
     """
 
     def __init__(  # no dataclass: its import takes a tenth of the time of --help
@@ -181,7 +183,7 @@ def _current_folder() -> Iterator[None]:
 
 
 def _files(module: str) -> list[str]:
-    """Return the files of all modules or packages of that name, in Python's order of search; ours is one."""
+    """Return the files of all modules or packages of that name, in Python's order of search; none for arva_hil."""
     if module == "arva_hil":
         return []
     folders = dict.fromkeys(folder or os.getcwd() for folder in sys.path)
@@ -190,7 +192,7 @@ def _files(module: str) -> list[str]:
 
 
 def _has(thing: Any, name: str) -> bool:
-    """Return True if `thing` has an attribute. Those of a protocol and abstract ones do not count."""
+    """Return True if `thing` defines an attribute. Abstract attributes, and those of a protocol, do not count."""
     if not isinstance(thing, type):
         return hasattr(thing, name)
     owner = next((cls for cls in thing.__mro__ if name in {*vars(cls), *vars(cls).get("__annotations__", ())}), None)

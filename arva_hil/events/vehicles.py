@@ -41,7 +41,7 @@ class VehicleRebooted(VehicleEvent):
 
 
 class OtherAutopilotIgnored(VehicleEvent):
-    """Another autopilot on the link is ignored. Once for each. `same_ids`: it has the vehicle's ids."""
+    """Another autopilot on the link is ignored. Emitted once for each. `same_ids`: it has the vehicle's ids."""
 
     system: int
     component: int
@@ -60,7 +60,7 @@ class SignatureRefused(VehicleEvent):
 
 
 class ClockLeapt(VehicleEvent):
-    """The vehicle's clock is `ahead_s` further than expected, so earlier packets came late."""
+    """The vehicle's clock is ahead of its expected time by `ahead_s`, so earlier packets came late."""
 
     ahead_s: float
 

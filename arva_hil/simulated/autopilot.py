@@ -20,7 +20,7 @@ _APPROACH_GAIN: Final = 0.8  # 1/s
 _BRAKE: Final = 1.5  # m/s², in an approach
 _LAND_SPEED: Final = 0.5  # m/s, below `_LAND_SLOW_HEIGHT`
 _LAND_SLOW_HEIGHT: Final = 10.0  # m
-_RTL_HEIGHT: Final = 15.0
+_RTL_HEIGHT: Final = 15.0  # m
 _STILL: Final = (0.0, 0.0, 0.0)
 
 
@@ -47,7 +47,7 @@ class SetPoint(NamedTuple):
 
 
 class SimulatedAutopilot:
-    """Remembers the mode, whether it is armed and landed, and the set-point. Refused orders return False."""
+    """Remembers mode, arming, landing and the set-point. Methods for orders return False if they refuse."""
 
     def __init__(self, wind: Vector) -> None:
         self.motion = Multirotor(wind)
@@ -56,8 +56,8 @@ class SimulatedAutopilot:
         self.armed = False
         self.landed = True
         self.taking_off = False
-        self.empty = False  # its battery
-        self.error = _STILL  # of the position that it flies by, NED [m]
+        self.empty = False  # the battery is empty
+        self.error = _STILL  # of the estimated position, NED [m]
         self.sticks = (1500, 1500, 1500, 1500)  # roll, pitch, throttle, yaw [µs]; reported, but not used for flying
         self._set_point = SetPoint()
         self._set_at = 0  # step
@@ -73,7 +73,7 @@ class SimulatedAutopilot:
         return True
 
     def disarm(self, force: bool = False) -> bool:
-        """Stop the motors. In the air only with `force`; then it falls."""
+        """Stop the motors. In the air this needs `force`, and the vehicle falls."""
         if self.armed and not self.landed and not force:
             return False
         self.armed = self.taking_off = False
@@ -88,16 +88,16 @@ class SimulatedAutopilot:
         return True
 
     def take_off(self, height: float) -> bool:
-        """Climb to a height above home [m], where it armed."""
+        """Climb to a height [m] above the present position."""
         if self.mode != Mode.GUIDED or not self.armed or not self.landed or not 0 < height < math.inf:
             return False
-        north, east, down = self._believed
+        north, east, down = self._estimated
         self.steer(SetPoint((north, east, down - height)))
         self.taking_off = True
         return True
 
     def steer(self, set_point: SetPoint) -> None:
-        """Follow a set-point: a velocity for 3 s, a position for ever. As in ArduCopter it ends a take-off."""
+        """Follow a set-point: a velocity for 3 s, a position without limit. As in ArduCopter this ends a take-off."""
         self._set_point = set_point
         self._set_at = self.motion.steps
         self.taking_off = False
@@ -115,7 +115,7 @@ class SimulatedAutopilot:
             self._rested = 0
         else:
             self._rest()
-        if self.taking_off and self._set_point.position and self._believed[2] < self._set_point.position[2] + 0.1:
+        if self.taking_off and self._set_point.position and self._estimated[2] < self._set_point.position[2] + 0.1:
             self.taking_off = False
 
     def _rest(self) -> None:
@@ -148,8 +148,8 @@ class SimulatedAutopilot:
         return (0.0, 0.0, _LAND_SPEED if -self.motion.down < _LAND_SLOW_HEIGHT else math.inf)
 
     def _home(self) -> Vector:
-        """Climb, fly home, land."""
-        here = self._believed
+        """Return the velocity that climbs, flies home, then lands."""
+        here = self._estimated
         if math.hypot(here[0], here[1]) < 1:
             return self._sink()
         down = min(here[2], -_RTL_HEIGHT)
@@ -157,13 +157,13 @@ class SimulatedAutopilot:
         return (0.0, 0.0, climb) if here[2] > down + 0.5 else (north, east, climb)
 
     @property
-    def _believed(self) -> Vector:
-        """The position by the autopilot's own estimate."""
+    def _estimated(self) -> Vector:
+        """The position estimated by the autopilot."""
         motion, (north, east, down) = self.motion, self.error
         return motion.north + north, motion.east + east, motion.down + down
 
     def _towards(self, position: Vector, along: Vector) -> Vector:
-        here = self._believed
+        here = self._estimated
         north, east = position[0] - here[0], position[1] - here[1]
         distance = math.hypot(north, east)
         speed = min(_APPROACH_GAIN * distance, math.sqrt(2 * _BRAKE * distance), _APPROACH_SPEED)

@@ -31,7 +31,7 @@ class Predicted(NamedTuple):
 
 
 class Predictor:
-    """Predicts readings from a vector of parameters. Remembers where each parameter is in it."""
+    """Predicts readings from a vector of parameters. Remembers the index of each parameter."""
 
     def __init__(self, model: str, names: Sequence[Parameter], ids: Sequence[str]) -> None:
         self._model = model

@@ -1,4 +1,4 @@
-"""Reads the records of `--record DIR`: readings, events, the search and the end of the run, as frozen values."""
+"""Reader of the records of `--record DIR`: readings, events, search and end of the run, as frozen values."""
 
 from .folder import is_record, load
 from .lines import RecordingError

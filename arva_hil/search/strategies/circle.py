@@ -25,6 +25,7 @@ class Circle:
 
     @property
     def done(self) -> bool:
+        """True if readings came from all sides."""
         return self._turned >= _ENOUGH and self._readings >= _READINGS
 
     def observe(self, centre: tuple[float, float]) -> None:

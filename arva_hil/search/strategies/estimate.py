@@ -23,15 +23,18 @@ from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _STEP_M: Final = 0.48  # keep a reading after this distance
-_STEP_S, _DRIFTING_S = 0.2, 1.5  # least time between them; under a drift
-_SAME: Final = np.array([0.02] * 3 + [0.1] * 4)  # smaller differences are none: place over distance, moment, yaw
-_MANY: Final = 40
-_ROUNDS: Final = 2
-_DOUBTS: Final = (4, 4)  # further rounds, before it stops
+_STEP_S: Final = 0.2  # keep readings no closer in time
+_DRIFTING_S: Final = 1.5  # the same under a drift
+# hypotheses this close are equal: place over distance (3), moment (3), yaw
+_SAME: Final = np.array([0.02] * 3 + [0.1] * 4)
+_MANY: Final = 40  # most hypotheses kept
+_ROUNDS: Final = 2  # rounds of a fit
+_DOUBTS: Final = (4, 4)  # rounds of the fits before the search stops
 _CAUTION: Final = 2.0  # times the covariance: readings are less independent than in the fit
 _SURE_M: Final = 0.3  # sigma
-_TURNED, _TURNED_SIGMAS = math.radians(5.0), 3.0  # report a yaw beyond both
-_HERE_M: Final = 0.5
+_TURNED: Final = math.radians(5.0)  # report a yaw only beyond this
+_TURNED_SIGMAS: Final = 3.0  # and beyond this many sigmas
+_HERE_M: Final = 0.5  # the goal is reached within this distance
 _NEAR_M: Final = RADIUS_M + 0.5  # begin to circle within this distance
 _ASTRAY_M: Final = RADIUS_M + 1.5  # end the circle beyond this distance
 _MISFIT_M: Final = 0.6  # a larger pose error means a wrong hypothesis
@@ -41,9 +44,10 @@ _TURN_M: Final = 2.5  # radius of the first turn of the spiral, flown for more r
 _GAIN: Final = 1.5  # 1/s
 _AVERAGE_M: Final = 0.6  # sigma to reach of a place under a drift
 _AVERAGE_S: Final = 120.0  # time after which the circle ends with a larger sigma
-_EXPLAIN_EVERY: Final = 15  # readings between two estimates of their delay
-_EXPLAIN_LATER, _EXPLAIN_DRIFTING = 60, 30  # the same under a known drift
-_ODD_M: Final = 0.3  # estimate it if the places seem wrong by this
+_EXPLAIN_EVERY: Final = 15  # readings between two comparisons of causes, if the readings are odd
+_EXPLAIN_LATER: Final = 60  # the same, if they are not
+_EXPLAIN_DRIFTING: Final = 30  # the same under a known drift
+_ODD_M: Final = 0.3  # a larger pose error is odd
 _EVIDENT: Final = 16.0  # accept another cause if it is more likely by e^16
 _LATE_S: Final = 1.0  # readings with a larger delay need another circle
 _LIKELY: Final = 3.0  # accept a drift at the end if it is more likely by e^3
@@ -304,7 +308,7 @@ class Estimate:
         if best.cause == before or present.cost - best.cost < evident:
             return False
         if best.cause.lag_s > before.lag_s + _LATE_S:
-            self._circle = None  # it was about another place
+            self._circle = None  # its centre was another place
         if not (best.cause.drift_m and before.drift_m):
             self._listens_s = o.time_s
         self._dipoles.take(best, o)

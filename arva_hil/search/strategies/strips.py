@@ -29,7 +29,7 @@ class Strips:
         self.lanes = _lanes(area, width, position)
         self._speed = speed
         self._next = 0
-        self._back: tuple[float, float] | None = None  # the point to return to a lane
+        self._back: tuple[float, float] | None = None  # where to return to the lane that was left
 
     @classmethod
     def of(cls, plan: SearchPlan, position: Position) -> Strips:
