@@ -34,7 +34,8 @@ _ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a pl
 )
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
 _AGE_S: Final = 1.5  # of the newest reading when the place is used
-_CAUTION: Final = 2.0  # share of the evidence that counts is its inverse: errors of readings are alike
+_DISCOUNT: Final = 2.0  # divides the evidence of the readings: their errors are less independent than in the fit
+_CAUTION: Final = 1.5  # times the covariance, for the same reason
 
 Array = NDArray[np.float64]
 
@@ -161,13 +162,14 @@ def place_now(x: Array, o: dipole.DipoleReadings) -> tuple[tuple[float, float], 
         for drift_m, tau_s, white_m in _ANY
     ]
     cost = np.array([one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1] for one in every])
-    share = np.exp((cost.min() - cost) / _CAUTION)
+    share = np.exp((cost.min() - cost) / _DISCOUNT)
     share /= share.sum()
     places = np.array([one.now[:2] for one in every])
     north, east = (share @ places).tolist()
     off = places - (north, east)
     each = [one.now_covariance[:2, :2] + white_m**2 * np.eye(2) for one, (*_, white_m) in zip(every, _ANY, strict=True)]
-    (nn, ne), (_, ee) = np.einsum("k,kij->ij", share, np.array(each) + off[:, :, None] * off[:, None]).tolist()
+    covariance = _CAUTION * np.einsum("k,kij->ij", share, np.array(each) + off[:, :, None] * off[:, None])
+    (nn, ne), (_, ee) = covariance.tolist()
     return (north, east), (nn, ne, ee)
 
 
