@@ -76,6 +76,20 @@ def test_the_error_is_that_to_the_transmitter_searched_for_and_not_to_a_nearer_o
     assert errors_m(load(write(tmp_path / "flight", 5, both))) == pytest.approx({0: np.hypot(9.5, 0.25)}, abs=1e-3)
 
 
+def test_victims_have_the_number_of_their_finding(tmp_path: Path) -> None:
+    """Not that of the order of probing, in which the file has them: the page and the events count so too."""
+    place = {"down": 0.0, "covariance": None, "lat_lon": [46.0124799, 7.7456645], "sure": True}
+    victims = [
+        {"id": 2, "north": 28.0, "east": 5.5, "time_s": 80.0, **place},
+        {"id": 1, "north": 18.0, "east": 5.0, "time_s": 41.0, **place},
+    ]
+    folder = write(tmp_path / "flight", COUNT, search=False)
+    write_search(folder, COUNT, outcome="found", how="2 found in 90 s", wanted=2, victims=victims)
+    search = facts(load(folder))["What the search found"]
+    assert search["place of victim 1"].startswith("transmitter 1: ")
+    assert search["place of victim 2"].startswith("transmitter 2: ")
+
+
 def test_all_victims_are_there_and_those_who_are_missed(tmp_path: Path) -> None:
     field = parse("transmitters: [{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [30, 5, 0]}, {id: 3, ned: [9, 9, 0]}]\n", "x")
     folder = write(tmp_path / "flight", COUNT, field, search=False)

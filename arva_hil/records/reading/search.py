@@ -28,7 +28,8 @@ class RecordedPlace:
 
     `covariance`: of north and east, m² (nn, ne, ee); None if the strategy gives none. `id`: of the transmitter, None if
     it is not known; `sure`: the readings agree with the place. `relative_covariance`: of the place relative to the
-    drone; `earth_covariance`: of the position on Earth; None in old logs.
+    drone; `earth_covariance`: of the position on Earth; None in old logs. `time_s`: from the start of a search for
+    several until it was found; None if not known.
     """
 
     north: float
@@ -40,6 +41,7 @@ class RecordedPlace:
     sure: bool = True
     relative_covariance: tuple[float, float, float] | None = None
     earth_covariance: tuple[float, float, float] | None = None
+    time_s: float | None = None
 
     def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
         """Return the ellipse on Earth that contains the transmitter with this probability, for normal errors.
@@ -107,8 +109,9 @@ class RecordedSearch:
 
     @property
     def places(self) -> tuple[RecordedPlace, ...]:
-        """The places of all victims that are reported; of a search for one, its place."""
-        return self.victims or ((self.found,) if self.found else ())
+        """The places of all victims that are reported, in the order of finding; of a search for one, its place."""
+        found = sorted(self.victims, key=lambda one: math.inf if one.time_s is None else one.time_s)
+        return tuple(found) or ((self.found,) if self.found else ())
 
     @property
     def target(self) -> int | None:
@@ -175,5 +178,15 @@ def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
     down, covariance = number(found.get("down")), triple(found.get("covariance"))
     id_ = about.get("id")
     whose = id_ if isinstance(id_, int) and id_ >= 0 else None
-    sure, more = about.get("sure") is not False, [triple(found.get(f"{of}_covariance")) for of in ("relative", "earth")]
-    return RecordedPlace(north, east, down, covariance, pair(found.get("lat_lon")), whose, sure, *more)
+    return RecordedPlace(
+        north,
+        east,
+        down,
+        covariance,
+        pair(found.get("lat_lon")),
+        whose,
+        about.get("sure") is not False,
+        triple(found.get("relative_covariance")),
+        triple(found.get("earth_covariance")),
+        number(about.get("time_s")),
+    )
