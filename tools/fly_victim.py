@@ -149,7 +149,6 @@ def told_lua(victim: Victim, messages: list[Any], readings: Any) -> bool:
     """Print the differences. Returns True if they are small, and no reading is missing."""
     time_s, d_cm, delta_deg = readings.T
     expected_cm, expected_deg = _expected(victim, messages, time_s)
-
     off_cm = np.abs(d_cm - expected_cm)
     off_deg = np.abs((delta_deg - expected_deg + 90) % 180 - 90)
     print(
