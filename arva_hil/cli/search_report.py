@@ -29,6 +29,8 @@ from arva_hil.search.mission.victims import Victim
 from arva_hil.search.strategies.history import speed_of
 from arva_hil.search.strategies.strategy import Found, sigma_of
 
+_NEAR_M: Final = 0.1  # a nearer place is not given in tenths of a metre
+
 
 def name(id_: int | None) -> str:
     """Return the name of a transmitter."""
@@ -41,7 +43,8 @@ def where(found: Found, accuracy: Accuracy, from_drone: tuple[float, float] | No
     place = f"{placed(found.north, found.east)} of the take-off point"
     spread = "" if metres is None else f" ± {sigma(metres)}"
     if from_drone is not None:
-        return f"{place}; {placed(*from_drone)} of the drone{spread}"
+        near = math.hypot(*from_drone) < _NEAR_M
+        return f"{place}; {'less than 10 cm from' if near else placed(*from_drone) + ' of'} the drone{spread}"
     return place + (spread and f";{spread} relative to the drone")
 
 

@@ -70,11 +70,12 @@ def test_the_strategy_the_format_and_an_error_of_the_gps_are_chosen(
 ) -> None:
     hint = "the GPS of this flight had no error; --gps-noise 1.5 flies with one"
     assert hint in demo(tmp_path_factory).err
+    assert "; less than 10 cm from the drone ± " in demo(tmp_path_factory).err
     err = arva(*MAX, "--strategy", "flux", "--format", "text", "--gps-noise", 0.5, "--record", tmp_path).err
     assert hint not in err
     assert 0.1 < error_m(err) < 2.0
     assert "\nfound a transmitter: " in err  # this format has no ids
-    assert re.search(r"of the take-off point; .* of the drone ± (0\.\d m|\d cm)", err)  # by the check of the readings
+    assert re.search(r"of the take-off point; .* the drone ± (0\.\d m|\d cm)", err)  # by the check of the readings
     assert re.search(r"position: .* ± 2\.\d m on Earth, or more: the autopilot does not report its accuracy", err)
 
 
