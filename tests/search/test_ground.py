@@ -536,6 +536,17 @@ def test_poses_that_stay_old_do_not_hide_ground_that_rises(vehicle: Vehicle) -> 
     assert height.metres == pytest.approx(2.4, abs=0.05)
 
 
+def test_between_two_samples_a_height_is_carried_down_with_the_vehicle(vehicle: Vehicle) -> None:
+    """Truly 2.2 m; the motion in the first 0.3 s after a sample is not counted."""
+    vehicle.says(0.0, pressure(0.0)).arm()
+    for n in range(1, 19):
+        t = n * 0.1
+        sunk = max(0.0, t - 1.0)
+        vehicle.says(t, *([] if sunk else [distance(300)]))
+        height = vehicle.height(t, 5.0 - sunk, sinks=1.0 if sunk else 0.0)
+    assert 2.1 <= height.metres <= 2.45
+
+
 # -- The height held, the least one, and the way down onto the place found --------------------------------
 
 
