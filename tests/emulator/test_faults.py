@@ -363,6 +363,7 @@ def test_impulses_are_ghosts_where_nobody_is_received_and_nearer_signals_elsewhe
     assert {impulse < d for impulse, d in zip(shown, own, strict=True) if impulse != d > 0} == {True}
     ghosts = [frame.channels[1] for _, frame in struck.frames if frame.channels[1].valid]
     assert len(struck.met("impulses")) / len(struck.frames) == pytest.approx(0.4, abs=0.12)
+    assert {abs(one.delta) <= 89 for _, frame in struck.frames for one in frame.channels} == {True}
     assert len(ghosts) / len(struck.frames) == pytest.approx(0.3, abs=0.1)
     assert {ghost.zone for ghost in ghosts} == {1}
     assert min(ghost.d for ghost in ghosts) >= 300

@@ -175,7 +175,7 @@ def _impulses(sending: Sending, share: float, random: Random) -> bool:
     frame, channels = sending.frame, list(sending.frame.channels)
     empty = [n for n, one in enumerate(channels) if isinstance(one, Channel) and not one.valid][:1]
     for n, one in enumerate(channels):
-        strikes, d, delta = random.random() < share, random.randrange(*_IMPULSE_CM), random.randrange(-90, 90)
+        strikes, d, delta = random.random() < share, random.randrange(*_IMPULSE_CM), random.randrange(-89, 90)
         if strikes and isinstance(one, Channel) and (d < one.d or n in empty):
             id_ = _GHOST if one.id is None else one.id
             channels[n] = one._replace(id=id_, zone=firmware_proto.MID, d=d, delta=delta)
