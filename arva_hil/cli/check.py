@@ -7,22 +7,10 @@ import json
 import os
 from typing import Final
 
-from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
 
 _COMMAND_LINES: Final = "file:the link of the command line"  # like no other
-
-
-def options(parser: CommandParser) -> None:
-    """Validate scenario files, plans of campaigns and profiles.
-
-    Prints every mistake with line and column, or a summary.
-    """
-    parser.add_argument("files", nargs="*", metavar="FILE", help="scenario, plan of a campaign or profile (YAML)")
-    schema = "print the JSON Schema of these files for editors instead; default: scenario"
-    kinds = ("scenario", "campaign", "receiver", "transmitter")
-    parser.option("--schema", schema, environment=False, const="scenario", choices=kinds)
 
 
 def main(options: argparse.Namespace) -> int:

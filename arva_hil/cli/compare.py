@@ -6,41 +6,29 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from arva_hil.cli.options import CommandParser, whole
-from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
+import numpy as np
+
+from arva_hil.cli.outcome import FAILED, Failure, UsageError
+from arva_hil.cli.recorded import loaded, needing, write
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.config.ranges import LARGEST_SEED
-
-if TYPE_CHECKING:
-    from arva_hil.config import Scenario
-    from arva_hil.records.comparing import Comparison, Paired, Spread
-    from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.config import Scenario, load
+from arva_hil.records.comparing import (
+    Comparison,
+    NotComparable,
+    Paired,
+    Spread,
+    compared,
+    emulated_again,
+    paired_frames,
+)
+from arva_hil.records.pictures.style import FORMATS
+from arva_hil.records.reading import RecordedReceiver, Recording
 
 _CLOCKS_S = 0.1  # report a larger difference of clocks
 
 
-def options(parser: CommandParser) -> None:
-    """Compare the readings of a record with those of the emulator on the same flight, or of another record.
-
-    With --scenario the emulator computes what its receiver reads at the recorded poses. Two records of one flight are
-    paired by the autopilot's clock, those of two flights by common places. Prints bias and scatter of d and δ by range,
-    zone, angle and time.
-    """
-    parser.add_argument("run", metavar="RECORD", help="folder of a record")
-    parser.add_argument("other", nargs="?", metavar="RECORD2", help="another record")
-    parser.option("--scenario FILE", "scenario (YAML) of the emulator, or builtin:NAME")
-    parser.option("--seed N", "seed of the emulator's noise", whole(0, LARGEST_SEED))
-    parser.option("--out FILE", "picture to write, .png, .svg or .pdf; needs matplotlib")
-    parser.option("--json", "print a JSON object for each transmitter")
-
-
-def main(options: argparse.Namespace) -> int:
-    from arva_hil.cli.recorded import loaded, needing, write  # slow, as those below
-    from arva_hil.records.comparing import compared, emulated_again
-    from arva_hil.records.pictures.style import FORMATS
-
+def main(options: argparse.Namespace) -> None:
     if bool(options.other) == bool(options.scenario):
         raise UsageError("name one to compare with: --scenario FILE, or another record")
     picture = next((one for one in FORMATS if options.out and Path(options.out).suffix.lower() == f".{one}"), None)
@@ -74,13 +62,10 @@ def main(options: argparse.Namespace) -> int:
 
             data = drawn(result, names, picture)
         write(Path(options.out), data, record)
-    return OK
 
 
 def only_receiver(recording: Recording) -> RecordedReceiver:
     """Return the only receiver of a record with frames and poses. Raises Failure."""
-    import numpy as np
-
     if len(recording.receivers) != 1:
         raise Failure(
             FAILED, f"{recording.folder}: expected a record of one receiver, found {len(recording.receivers)}"
@@ -97,8 +82,6 @@ def only_receiver(recording: Recording) -> RecordedReceiver:
 
 def emulated_scenario(name: str, seed: int | None) -> Scenario:
     """Return the scenario of one receiver. Raises UsageError for one with vehicles."""
-    from arva_hil.config import load
-
     scenario = load(name)
     if scenario.vehicles:
         raise UsageError(f"{scenario.source}: vehicles: name a scenario of one receiver")
@@ -106,8 +89,6 @@ def emulated_scenario(name: str, seed: int | None) -> Scenario:
 
 
 def _paired(a: Recording, b: Recording) -> Paired:
-    from arva_hil.records.comparing import NotComparable, paired_frames
-
     only_receiver(a)
     only_receiver(b)
     try:

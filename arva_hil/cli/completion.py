@@ -7,10 +7,12 @@ import contextlib
 from collections.abc import Callable
 from typing import Final
 
+import shtab
+
 from arva_hil import registry
 from arva_hil.cli.arguments import arguments_of
+from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
-from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show
 from arva_hil.errors import KindError
 from arva_hil.registry import EXPORTS, FORMATS, STRATEGIES
@@ -24,28 +26,10 @@ _FILES: Final = (
     "DIR|FILE",
 )  # a URL may be a device or a file of frames
 _FOLDERS: Final = ("DIR", "RUN", "RUN2")
-_SHELLS: Final = ("bash", "zsh", "fish")
 _KINDS: Final = {"format": FORMATS, "strategy": STRATEGIES, "export_format": EXPORTS}
 
 
-def options(parser: CommandParser) -> None:
-    """Print a script that completes commands, options and file names in a shell.
-
-    bash, in ~/.bashrc:
-      eval "$(arva-hil completion bash)"
-    zsh, with ~/.zfunc in $fpath before compinit:
-      arva-hil completion zsh > ~/.zfunc/_arva-hil
-    fish:
-      arva-hil completion fish > ~/.config/fish/completions/arva-hil.fish
-    """
-    parser.add_argument("shell", choices=_SHELLS, metavar="SHELL", help="bash, zsh or fish")
-
-
-def main(options: argparse.Namespace) -> int:
-    import shtab
-
-    from arva_hil.cli.main import COMMANDS
-
+def main(options: argparse.Namespace) -> None:
     root = CommandParser(prog="arva-hil")
     _add_options(root, arguments_of("run"))  # the default command
     root.add_argument("--version", action="store_true", help="print the version")
@@ -58,13 +42,10 @@ def main(options: argparse.Namespace) -> int:
             _add_options(parser, registry.COMMANDS[name].options)
     for line in shtab.complete(root, options.shell).expandtabs().splitlines():
         show(line)
-    return OK
 
 
 def _add_options(parser: CommandParser, add: Callable[[CommandParser], None]) -> None:
     """Add the options of a command, and mark those that take file names."""
-    import shtab
-
     add(parser)
     for action in parser.arguments:
         if action.metavar in _FILES:

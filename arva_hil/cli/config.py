@@ -12,7 +12,7 @@ import yaml
 
 from arva_hil.cli import common
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
-from arva_hil.cli.outcome import OK, UsageError
+from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.run_links import choose_autopilot
 from arva_hil.cli.terminal import show, show_json
 from arva_hil.config import Scenario, load, to_dict
@@ -91,7 +91,7 @@ _COMMENT_AT: Final = 42  # the column of comments, where values leave room for i
 _NONE: Final = "none"
 
 
-def main(options: argparse.Namespace) -> int:
+def main(options: argparse.Namespace) -> None:
     chosen = common.scenario(options, fleet=True)
     origins = Origins(options, chosen)
     if options.json:
@@ -100,14 +100,13 @@ def main(options: argparse.Namespace) -> int:
         for _, key, value in _rows(to_dict(chosen)):
             if key:
                 show_json({"key": ".".join(map(str, key)), "value": value, "from": origins.of(key)})
-        return OK
+        return
     show("# Options of `arva-hil run`. Weakest first: default, file, environment, command line.")
     for name, value, origin in _options(options):
         show(_beside(f"#   {name} {_NONE if value is None else value}", origin))
     show("# The scenario:")
     for lead, key, value in _rows(to_dict(chosen)):
         show(_beside(f"{lead} {_plain(value)}", origins.of(key)) if key else lead)
-    return OK
 
 
 def _options(options: argparse.Namespace) -> Iterator[tuple[str, Any, str]]:

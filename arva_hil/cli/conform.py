@@ -4,37 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
-from arva_hil.cli.options import CommandParser, number
+from arva_hil.bench.clauses import clauses
+from arva_hil.bench.judge import Verdict, judge
+from arva_hil.cli.outcome import FAILED, OK, UsageError
+from arva_hil.cli.terminal import show
+from arva_hil.errors import nearest
 from arva_hil.safe_text import one_line
-
-if TYPE_CHECKING:
-    from arva_hil.bench.judge import Verdict
-
-
-def options(parser: CommandParser) -> None:
-    """Judge your decoder of binary frames by each clause of PROTOCOL.md.
-
-    The command reads bytes on stdin, prints one JSON line for each valid frame and channel, flushes it, and ends when
-    its input ends:
-    {"seq": 0, "slot": 1, "id": 1, "zone": 1, "d_cm": 1905, "delta_deg": 22}
-    """
-    parser.option("--junit FILE", "write the results as JUnit XML, too")
-    parser.option("--list", "list the clauses, and judge nothing")
-    parser.option("--only CLAUSE", "judge this clause; may be given again", str, action="append")
-    parser.option("--pty", "the command opens the port named in $ARVA_PORT, instead of reading stdin")
-    parser.option("--timeout S", "patience with the command", number(0.5, 600, " of s"), 5.0)
-    parser.add_argument("command", metavar="COMMAND", nargs="*", help="the decoder and its arguments, after --")
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.bench.clauses import clauses
-    from arva_hil.bench.judge import judge
-    from arva_hil.cli.outcome import FAILED, OK, UsageError
-    from arva_hil.cli.terminal import show
-    from arva_hil.errors import nearest
-
     every = {clause.name: clause for clause in clauses()}
     for name in options.only or ():
         if name not in every:
@@ -69,10 +49,6 @@ def main(options: argparse.Namespace) -> int:
 
 def _write_junit(path: str, verdicts: Sequence[Verdict]) -> None:
     """Write the results as JUnit XML. Raises UsageError."""
-    from xml.etree import ElementTree
-
-    from arva_hil.cli.outcome import UsageError
-
     failed = sum(bool(verdict.why) for verdict in verdicts)
     suite = ElementTree.Element("testsuite", name="arva-hil conform", tests=str(len(verdicts)), failures=str(failed))
     for clause, why in verdicts:

@@ -5,25 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from arva_hil.cli.options import CommandParser, kind
-from arva_hil.cli.outcome import OK, UsageError
+from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.recorded import loaded, needing, output
 from arva_hil.registry import EXPORTS
 
 
-def options(parser: CommandParser) -> None:
-    """Write a record for maps, spreadsheets and other programs.
-
-    RUN is a folder that --record has written. The place found is a point, with the ellipse of 95 % probability.
-    """
-    parser.add_argument("run", metavar="RUN", help="folder of a record")
-    names = f"{', '.join(EXPORTS)}; default: the ending of FILE"
-    parser.option("--format NAME", names, kind(EXPORTS), environment=False, dest="export_format")
-    parser.option("--out FILE", "file to write, which replaces an older one; - is stdout")
-
-
-def main(options: argparse.Namespace) -> int:
-    from arva_hil.cli.recorded import loaded, needing, output
-
+def main(options: argparse.Namespace) -> None:
     if not options.out:
         raise UsageError("--out is missing: name the file to write, e.g. --out flight.kml, or - for stdout")
     name = options.export_format or _by_suffix(options.out)
@@ -32,7 +19,6 @@ def main(options: argparse.Namespace) -> int:
     recording = loaded(options.run)
     with needing(name, f"--format {name}"), output(options.out, recording) as out:
         write(recording, out)
-    return OK
 
 
 def _by_suffix(name: str) -> str:

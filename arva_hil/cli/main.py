@@ -130,7 +130,7 @@ def _guarded(arguments: list[str]) -> int:
     try:
         run = _command(arguments)  # a signal ends the process at once: see __main__.py
         with outcome.interrupting():
-            code = run() if run else outcome.OK
+            code = run() or outcome.OK
             flush()
         return code
     except KeyboardInterrupt:
@@ -153,18 +153,13 @@ def _guarded(arguments: list[str]) -> int:
         return outcome.FAILED
 
 
-def _command(arguments: list[str]) -> Callable[[], int] | None:
-    """Return the command that the arguments name, imported, with its options. None: the help was printed."""
+def _command(arguments: list[str]) -> Callable[[], int | None]:
+    """Return the command that the arguments name, imported, with its options."""
     arguments = ["--help" if argument in ("-help", "-?", "/?") else argument for argument in arguments]
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
-        others = {name: f"of the package {package}" for name, package in registry.COMMANDS.packages().items()}
-        lines = "\n".join(f"  {name:<10} {what}" for name, what in (COMMANDS | others).items())
-        for line in HELP.format(commands=lines).splitlines():
-            show(line)
-        return None
+        return _show_help
     if arguments[:1] == ["--version"]:
-        show(f"arva-hil {__version__}")
-        return None
+        return functools.partial(show, f"arva-hil {__version__}")
     name = "run"
     if arguments and not arguments[0].startswith("-"):
         name = arguments.pop(0)
@@ -186,13 +181,20 @@ def _command(arguments: list[str]) -> Callable[[], int] | None:
     try:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help
-        return None
+        return lambda: None
     for line in unknown_variables(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)
     if name not in COMMANDS:
         return functools.partial(registry.COMMANDS[name].main, options)
     return functools.partial(_imported(f"arva_hil.cli.{module_name(name)}").main, options)
+
+
+def _show_help() -> None:
+    others = {name: f"of the package {package}" for name, package in registry.COMMANDS.packages().items()}
+    lines = "\n".join(f"  {name:<10} {what}" for name, what in (COMMANDS | others).items())
+    for line in HELP.format(commands=lines).splitlines():
+        show(line)
 
 
 def _imported(name: str) -> ModuleType:

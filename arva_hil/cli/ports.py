@@ -4,19 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from arva_hil.cli.options import CommandParser
-from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show, show_json
+from arva_hil.links.serial_ports import list_ports
 
 
-def options(parser: CommandParser) -> None:
-    """List the serial ports, and mark those that look like an autopilot."""
-    parser.option("--json", "print a JSON object for each port")
-
-
-def main(options: argparse.Namespace) -> int:
-    from arva_hil.links.serial_ports import list_ports
-
+def main(options: argparse.Namespace) -> None:
     ports = list_ports()
     for port in ports:
         if options.json:
@@ -26,4 +18,3 @@ def main(options: argparse.Namespace) -> int:
             show(f"{port.device}  {'AUTOPILOT  ' if port.autopilot else ''}{what}")
     if not ports and not options.json:
         show("no serial ports; a USB adapter appears as /dev/ttyUSB0 or /dev/ttyACM0, COM3 on Windows")
-    return OK

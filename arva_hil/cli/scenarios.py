@@ -6,24 +6,16 @@ import argparse
 import re
 from pathlib import Path
 
-from arva_hil.cli.options import CommandParser
-from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show, show_json
 from arva_hil.config.profiles import PREFIX, builtin_files
 
 
-def options(parser: CommandParser) -> None:
-    """List the built-in scenarios and campaign plans. Use one with --scenario builtin:NAME."""
-    parser.option("--json", "print a JSON object for each file")
-
-
-def main(options: argparse.Namespace) -> int:
+def main(options: argparse.Namespace) -> None:
     for name, path in builtin_files().items():
         if options.json:
             show_json({"name": f"{PREFIX}{name}", "path": str(path), "about": _about(path)})
         else:
             show(f"{PREFIX}{name:<20} {_about(path)}")
-    return OK
 
 
 def _about(path: Path) -> str:

@@ -4,49 +4,21 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Final
 
-from arva_hil.cli.arguments.shared import add_duration, add_gps_noise
-from arva_hil.cli.options import CommandParser, link, number, numbers, whole
+from arva_hil.cli import common
 from arva_hil.cli.outcome import INTERRUPTED, OK, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock
-from arva_hil.simulated import HOME
-
-if TYPE_CHECKING:
-    from arva_hil.runtime.loop import Task
-    from arva_hil.simulated.vehicle import SimulatedVehicle
-
-FAILSAFES: Final = ("geofence", "battery", "ekf", "radio")
+from arva_hil.links.reconnecting import open_reconnecting
+from arva_hil.model.field import LocalFrame
+from arva_hil.runtime.loop import Task
+from arva_hil.simulated import arducopter
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 
 _APART_M = 5.0
 
 
-def options(parser: CommandParser) -> None:
-    """Run the built-in vehicle alone: a simulated multirotor that answers as ArduCopter does, on one or more links.
-
-    A ground station and a search can use it together: `arva-hil vehicle --link udpout:127.0.0.1:14550 --link
-    tcpin:127.0.0.1:5760`.
-    """
-    parser.option("--link URL", "MAVLink link; may be repeated", link, action="append")
-    parser.option("--home LAT,LON,ALT", "home in degrees, m AMSL; default: in the Alps", home, HOME)
-    parser.option("--wind N,E,D", "velocity of the air, m/s; default 0,0,0", wind, (0.0, 0.0, 0.0))
-    add_gps_noise(parser)
-    parser.option("--fix-after S", "time until the first GPS fix", number(0, 3600), 0.0)
-    parser.option("--count N", "number of vehicles, 5 m apart, with consecutive ids", whole(1, 64), 1)
-    parser.option("--system N", "system id of the first vehicle", whole(1, 250), 1)
-    parser.option("--seed N", "seed of the GPS drift", whole(0, 2**31), 0)
-    names = f"trigger a failsafe S seconds after the first take-off: {', '.join(FAILSAFES)}; may be repeated"
-    parser.option("--failsafe NAME@S", names, failsafe, action="append")
-    add_duration(parser)
-
-
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.cli import common  # slow, as those below
-    from arva_hil.links.reconnecting import open_reconnecting
-    from arva_hil.model.field import LocalFrame
-    from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
-
     if not options.link:
         raise UsageError("the following arguments are required: --link URL", "e.g. --link udpout:127.0.0.1:14550")
     if again := next((url for url in options.link if url != "pty" and options.link.count(url) > 1), None):
@@ -93,7 +65,6 @@ class _Log:
         self._told = ""
 
     def service(self, clock: Clock) -> float:
-        from arva_hil.simulated import arducopter  # slow to import
 
         now = clock.now()
         vehicle = self._vehicle
@@ -107,23 +78,3 @@ class _Log:
             self._told = state
             tell(f"vehicle {vehicle.system}: {state}")
         return now + 0.1
-
-
-home = numbers(
-    "LAT,LON,ALT in degrees and m, e.g. --home=46.0,7.7,1650",
-    (-90, 90),
-    (-180, 180),
-    (-500, 9000),
-    names=("latitude", "longitude", "altitude"),
-)
-wind = numbers("N,E,D in m/s, at most 50 each, e.g. --wind=3,-1,0", *[(-50, 50)] * 3)
-
-
-def failsafe(text: str) -> tuple[str, float]:
-    """Convert NAME@SECONDS."""
-    name, _, seconds = text.partition("@")
-    try:
-        return FAILSAFES[FAILSAFES.index(name)], number(0, 86_400)(seconds or "0")
-    except ValueError:
-        expected = f"expected NAME@SECONDS, where NAME is one of {', '.join(FAILSAFES)}"
-        raise ValueError(f"{text!r}: {expected}, e.g. battery@30") from None

@@ -9,43 +9,23 @@ import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from arva_hil.cli import replay
 from arva_hil.cli.arguments import arguments_of
-from arva_hil.cli.arguments.shared import add_duration, add_map
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
+from arva_hil.cli.recorded import write
 from arva_hil.cli.terminal import tell
+from arva_hil.cli.watchers import background_of, said_of_page
 from arva_hil.clock import RealClock
-from arva_hil.observers.web.address import HostPort, parse_address
-
-if TYPE_CHECKING:
-    from arva_hil.observers.web.server import Server
-    from arva_hil.observers.web.viewer import RecordedState
-    from arva_hil.records.reading import Recording
-
-
-def options(parser: CommandParser) -> None:
-    """Open a record as a page in a browser: the same page as --web, with a slider for the time.
-
-    RUN is a folder that --record has written. A LOG.tlog is replayed first, through the scenario.
-    """
-    parser.add_argument("record_or_log", metavar="RUN|LOG", help="folder of a record, or MAVLink telemetry log")
-    where = "address of the page: HOST, PORT or HOST:PORT; the next free port if this one is taken"
-    parser.option("--web HOST:PORT", f"{where}; default {HostPort()}", parse_address, HostPort())
-    parser.option("--scenario FILE", "scenario for a log (YAML), or builtin:NAME")
-    add_map(parser)
-    out = "instead write one HTML file that plays the record without arva-hil and without a network, and end"
-    parser.option("--out FILE", f"{out}; at most 40,000 readings and 400 states of the search")
-    add_duration(parser)
+from arva_hil.observers.web.address import HostPort
+from arva_hil.observers.web.offline import offline_page
+from arva_hil.observers.web.server import Server
+from arva_hil.observers.web.viewer import RecordedState
+from arva_hil.records.reading import Recording, load
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.cli.recorded import write  # slow, as those below
-    from arva_hil.cli.watchers import background_of, said_of_page
-    from arva_hil.observers.web.offline import offline_page
-    from arva_hil.observers.web.viewer import RecordedState
-
     guard, clock = SignalGuard(), RealClock()
     with guard, ExitStack() as stack:
         recording = _recording(options, stack)
@@ -73,9 +53,6 @@ def main(options: argparse.Namespace) -> int:
 
 def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | None:
     """Return the record in a folder, or of a log that is replayed first; None after a signal."""
-    from arva_hil.cli import replay
-    from arva_hil.records.reading import load
-
     folder = Path(options.record_or_log)
     if folder.is_file():
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
@@ -95,8 +72,6 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
 
 def serve(address: HostPort, state: RecordedState) -> Server:
     """Return the page of a record; every request has its time. Raises WebError."""
-    from arva_hil.observers.web.server import Server
-
     lock = threading.Lock()
 
     def state_json(query: Mapping[str, str], client: int) -> bytes:

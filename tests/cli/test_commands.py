@@ -21,8 +21,8 @@ from typing import Any
 import pytest
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.cli import vehicle as arguments
 from arva_hil.cli.arguments import arguments_of
+from arva_hil.cli.arguments import runs as arguments
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, USAGE
 from arva_hil.clock import RealClock

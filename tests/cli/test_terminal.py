@@ -251,7 +251,7 @@ def test_an_error_that_nobody_foresaw(arva: Arva, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("as_json", [False, True])
 def test_the_name_of_a_usb_device(arva: Arva, monkeypatch: pytest.MonkeyPatch, as_json: bool) -> None:
     plugged = [SerialPort("/dev/ttyUSB0", f"/dev/serial/by-id/{HOSTILE}", HOSTILE + "\x7f")]
-    monkeypatch.setattr("arva_hil.links.serial_ports.list_ports", lambda: plugged)
+    monkeypatch.setattr("arva_hil.cli.ports.list_ports", lambda: plugged)
     _, out, err = arva("ports", *["--json"] * as_json)
     assert_harmless(out + err)
     assert out.count("\n") == 1

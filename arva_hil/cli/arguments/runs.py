@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-import re
+from typing import Final
 
 from arva_hil.cli.arguments import shared
-from arva_hil.cli.options import CommandParser, link, number, speed, whole
+from arva_hil.cli.options import CommandParser, link, number, numbers, speed, whole
 from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.simulated import HOME
+
+FAILSAFES: Final = ("geofence", "battery", "ekf", "radio")
 
 
 def run(parser: CommandParser) -> None:
     """Emulate the receiver: read the autopilot's MAVLink packets, send the receiver's frames."""
     parser.usual("--port --autopilot --scenario --format --rate --fault --duration --record --web --json")
-    where = "link for the frames: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:HOST:PORT, tcp:HOST:PORT, or - for stdout"
-    parser.option("--port URL", where, link)
+    parser.option(
+        "--port URL",
+        "link for the frames: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:HOST:PORT, tcp:HOST:PORT, or - for stdout",
+        link,
+    )
     parser.group("autopilot")
     shared.add_autopilot(parser)
     shared.add_target(parser)
@@ -100,67 +106,76 @@ def record(parser: CommandParser) -> None:
 def command(parser: CommandParser) -> None:
     """Send one command to a receiver and print its answer."""
     parser.add_argument("port", metavar="PORT", help="the receiver's port, e.g. /dev/ttyUSB0 or /tmp/arva0")
-    names = "identify, mark, unmark, select, restart, channels or scan"
-    parser.add_argument("name", metavar="NAME", help=names)
-    value = whole(-(2**31), 2**31 - 1)
-    parser.add_argument("values", metavar="VALUE", nargs="*", type=value, help="e.g. the transmitter's id")
+    parser.add_argument("name", metavar="NAME", help="identify, mark, unmark, select, restart, channels or scan")
+    parser.add_argument(
+        "values", metavar="VALUE", nargs="*", type=whole(-(2**31), 2**31 - 1), help="e.g. the transmitter's id"
+    )
     shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
     parser.option("--timeout S", "wait this long for an answer", number(0.1, 3600, " of seconds"), 3.0)
     parser.option("--json", "print the answer as a JSON object")
 
 
-def campaign(parser: CommandParser) -> None:
-    """Fly a plan of many trials, on all cores or a cluster, and compare the strategies.
+def serve(parser: CommandParser) -> None:
+    """Run an emulated receiver and its vehicle for your tests, controlled by JSON lines.
 
-    Each result is saved in DIR/results.sqlite at once. At the end results.csv and report.html are written too.
-    The same command continues a campaign that was stopped.
+    Prints one line {"control": …, "port": …}: the addresses of the control port and of the frames.
+    Each request is a line, e.g. {"do": "advance", "seconds": 30}; so is each answer.
     """
-    plan = "plan of the campaign, or a built-in one such as builtin:campaigns/paper: see arva-hil scenarios"
-    parser.add_argument("plan", metavar="PLAN.yaml", help=plan)
-    parser.option("--out DIR", "folder of the results and the report; default: PLAN-results")
-    parser.option("--jobs N", "number of processes; default: one for each core", whole(1, 1024))
-    parser.option("--scheduler tcp://HOST:PORT", "run on a Dask cluster instead", scheduler)
-    part = "fly only part K of N of the plan, every N-th seed; default folder: PLAN-results-K-of-N"
-    parser.option("--shard K/N", part, shard)
-    parser.option("--merge DIR", "fly nothing: copy the results of these folders and write the report", nargs="+")
-    parser.option("--dry-run", "list the trials, without flying or writing")
-    parser.option("--json", "print a JSON object for each trial on stdout")
-
-
-def fit(parser: CommandParser) -> None:
-    """Estimate a receiver's profile from records of flights around a transmitter, each value with its 95 % interval.
-
-    The profile has display law, noise and mount. Transmitters and latency are printed, and go into --scenario-out.
-    Outliers count little. It names values that the flights do not determine, and the next pass to fly. If the model
-    does not fit, the command says why, and exits with 1. Needs scipy: pip install 'arva-hil[fit]'.
-    """
-    parser.add_argument("records", nargs="+", metavar="RECORD", help="folder of a record")
-    models = ("paper", "pulsed", "rssi")
     parser.option(
-        "--model NAME",
-        f"receiver model: {', '.join(models)}; default paper",
-        environment=False,
-        default="paper",
-        choices=models,
+        "--control ADDRESS",
+        "tcp:127.0.0.1:PORT, with 0 for a free port, or unix:PATH",
+        default="tcp:127.0.0.1:0",
     )
-    parser.option("--out PROFILE.yaml", "profile to write", environment=False)
-    parser.option("--scenario-out FILE", "also write a scenario with the transmitters", environment=False)
-    parser.option("--gps-sigma M", "standard deviation of the reported position on each axis", number(0, 20), 1.5)
-    parser.option("--gps-tau S", "correlation time of its error", number(1, 10_000, " of s"), 60.0)
-    parser.option("--json", "print a JSON object")
+    parser.option("--scenario FILE", "scenario (YAML), or builtin:NAME; default: one transmitter 20 m N, 5 m E of home")
+    parser.option("--port URL", "port for the frames: pty, tcp, udp or a connection string", default="pty")
+    parser.option("--real-time", "frames come in real time; without it time passes in `advance` alone")
 
 
-def scheduler(text: str) -> str:
-    """Convert the address of a Dask scheduler."""
-    if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", text):
-        raise ValueError(f"{text!r}: expected an address such as tcp://192.168.1.5:8786")
-    return text
+def ports(parser: CommandParser) -> None:
+    """List the serial ports, and mark those that look like an autopilot."""
+    parser.option("--json", "print a JSON object for each port")
 
 
-def shard(text: str) -> tuple[int, int]:
-    """Convert K/N, with K from 1 to N."""
-    match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
-    k, n = map(int, match.groups()) if match else (0, 0)
-    if not 1 <= k <= n:
-        raise ValueError(f"{text!r}: expected K/N with K from 1 to N, e.g. 3/100")
-    return k, n
+def vehicle(parser: CommandParser) -> None:
+    """Run the built-in vehicle alone: a simulated multirotor that answers as ArduCopter does, on one or more links.
+
+    A ground station and a search can use it together: `arva-hil vehicle --link udpout:127.0.0.1:14550 --link
+    tcpin:127.0.0.1:5760`.
+    """
+    parser.option("--link URL", "MAVLink link; may be repeated", link, action="append")
+    parser.option("--home LAT,LON,ALT", "home in degrees, m AMSL; default: in the Alps", home, HOME)
+    parser.option("--wind N,E,D", "velocity of the air, m/s; default 0,0,0", wind, (0.0, 0.0, 0.0))
+    shared.add_gps_noise(parser)
+    parser.option("--fix-after S", "time until the first GPS fix", number(0, 3600), 0.0)
+    parser.option("--count N", "number of vehicles, 5 m apart, with consecutive ids", whole(1, 64), 1)
+    parser.option("--system N", "system id of the first vehicle", whole(1, 250), 1)
+    parser.option("--seed N", "seed of the GPS drift", whole(0, 2**31), 0)
+    parser.option(
+        "--failsafe NAME@S",
+        f"trigger a failsafe S seconds after the first take-off: {', '.join(FAILSAFES)}; may be repeated",
+        failsafe,
+        action="append",
+    )
+    shared.add_duration(parser)
+
+
+home = numbers(
+    "LAT,LON,ALT in degrees and m, e.g. --home=46.0,7.7,1650",
+    (-90, 90),
+    (-180, 180),
+    (-500, 9000),
+    names=("latitude", "longitude", "altitude"),
+)
+
+
+wind = numbers("N,E,D in m/s, at most 50 each, e.g. --wind=3,-1,0", *[(-50, 50)] * 3)
+
+
+def failsafe(text: str) -> tuple[str, float]:
+    """Convert NAME@SECONDS."""
+    name, _, seconds = text.partition("@")
+    try:
+        return FAILSAFES[FAILSAFES.index(name)], number(0, 86_400)(seconds or "0")
+    except ValueError:
+        expected = f"expected NAME@SECONDS, where NAME is one of {', '.join(FAILSAFES)}"
+        raise ValueError(f"{text!r}: {expected}, e.g. battery@30") from None

@@ -40,10 +40,17 @@ def search(parser: CommandParser) -> None:
     shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
     add_plan(parser)
     parser.group("several vehicles")
-    team = "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used"
-    parser.option("--scenario FILE", f"{team}; has no ARVA_HIL_ variable", environment=False)
-    one = "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL"
-    parser.option("--vehicle NAME", one, environment=False)
+    parser.option(
+        "--scenario FILE",
+        "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used; has no "
+        "ARVA_HIL_ variable",
+        environment=False,
+    )
+    parser.option(
+        "--vehicle NAME",
+        "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL",
+        environment=False,
+    )
     parser.group("start and end of the flight")
     add_flight(parser)
     parser.group("autopilot")
@@ -71,8 +78,11 @@ def demo(parser: CommandParser) -> None:
     parser.usual("--speed --headless --count --gps-noise --strategy --victims --area --scenario --record --web")
     parser.option("--speed N|max", "multiple of real time", speed, 1.0)
     parser.option("--headless", "print plain lines only, without a live status")
-    count = "number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles"
-    parser.option("--count N", count, whole(1, 64))
+    parser.option(
+        "--count N",
+        "number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles",
+        whole(1, 64),
+    )
     shared.add_gps_noise(parser)
     parser.group("search")
     add_plan(parser)
@@ -85,12 +95,19 @@ def demo(parser: CommandParser) -> None:
 def add_flight(parser: CommandParser) -> None:
     """Add the options of the start and the end of a flight."""
     seconds = number(0.1, math.inf, " of s")
-    until = "end if both links, a heartbeat, frames and a pose are not there this long after the start"
-    parser.option("--timeout S", until, seconds, 60.0)
+    parser.option(
+        "--timeout S",
+        "end if both links, a heartbeat, frames and a pose are not there this long after the start",
+        seconds,
+        60.0,
+    )
     parser.option("--arm-timeout S", "end if the autopilot does not arm in this time", seconds, 60.0)
     parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
-    yes = "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable"
-    parser.option("--yes", yes, environment=False)
+    parser.option(
+        "--yes",
+        "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable",
+        environment=False,
+    )
     parser.option(
         "--dry-run",
         "check everything, print the question and the commands of the flight, with set-points for 5 s of readings, "
@@ -108,8 +125,9 @@ def add_flight(parser: CommandParser) -> None:
 
 def add_plan(parser: CommandParser) -> None:
     """Add the options of the search itself."""
-    names = f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own"
-    parser.option("--strategy NAME", names, kind(STRATEGIES), "estimate")
+    parser.option(
+        "--strategy NAME", f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own", kind(STRATEGIES), "estimate"
+    )
     parser.option(
         "--victims N|all",
         "number of transmitters to find, one after the other; all: every one that the receiver detects from the strips "
@@ -120,8 +138,10 @@ def add_plan(parser: CommandParser) -> None:
     parser.option("--max-speed M/S", "largest horizontal speed", number(0.2, 10, " of m/s"), 1.0)
     metres, seconds = number(0.3, 100, " of m"), number(1, 86400, " of s")
     parser.option("--height M", "height above the ground to hold", metres, 3.0)
-    trust = "hold --height also if only GPS measures the height; otherwise the vehicle then flies 3 sigma higher"
-    parser.option("--trust-height", trust)
+    parser.option(
+        "--trust-height",
+        "hold --height also if only GPS measures the height; otherwise the vehicle then flies 3 sigma higher",
+    )
     parser.option("--take-off M", "height of the take-off", metres, 3.0)
     parser.option(
         "--mount X,Y,Z[,R,P,Y]",
@@ -144,8 +164,9 @@ def add_plan(parser: CommandParser) -> None:
         strip_width,
         40.0,
     )
-    silent = "hover this long, then end, if no frames come or the strategy does not answer"
-    parser.option("--patience S", silent, seconds, 10.0)
+    parser.option(
+        "--patience S", "hover this long, then end, if no frames come or the strategy does not answer", seconds, 10.0
+    )
     parser.option("--limit S", "end the search after this long", seconds, 900.0)
 
 

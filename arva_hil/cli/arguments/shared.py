@@ -27,27 +27,35 @@ def add_format(parser: CommandParser, *, default: str | None = None, without: Co
 
 def add_scenario(parser: CommandParser) -> None:
     """Add the options of the scenario."""
-    default = "one transmitter 20 m N, 5 m E of home"
-    parser.option("--scenario FILE", f"scenario (YAML), or builtin:NAME; default: {default}")
+    parser.option("--scenario FILE", "scenario (YAML), or builtin:NAME; default: one transmitter 20 m N, 5 m E of home")
     add_format(parser)
     parser.option("--rate HZ", "frames per second, 0.1…50", number(*FRAMES_HZ, " of Hz"))
     parser.option("--seed N", "seed of the noise and the faults", whole(0, LARGEST_SEED))
-    how = "add a fault, e.g. drop=0.02@10-60, in seconds from the start; none removes all faults before it"
-    parser.option("--fault NAME=VALUE@FROM-UNTIL", how, fault, action="append")
+    parser.option(
+        "--fault NAME=VALUE@FROM-UNTIL",
+        "add a fault, e.g. drop=0.02@10-60, in seconds from the start; none removes all faults before it",
+        fault,
+        action="append",
+    )
 
 
 def add_surveyed(parser: CommandParser) -> None:
     """Add the option for surveyed transmitters."""
-    what = "surveyed place of a transmitter, degrees and m AMSL; may be repeated"
-    parser.option("--transmitter ID=LAT,LON,ALT", what, surveyed, action="append", environment=False)
+    parser.option(
+        "--transmitter ID=LAT,LON,ALT",
+        "surveyed place of a transmitter, degrees and m AMSL; may be repeated",
+        surveyed,
+        action="append",
+        environment=False,
+    )
 
 
 def add_autopilot(parser: CommandParser) -> None:
     """Add the options of the autopilot's link."""
-    usual = f"link to the autopilot; default: the one on USB, else {DEFAULT_AUTOPILOT}"
-    parser.option("--autopilot --master URL", usual, link)
-    rate = number(1, 200, " of Hz")
-    parser.option("--stream-rate HZ", "rate of position and attitude to request", rate, 50.0)
+    parser.option(
+        "--autopilot --master URL", f"link to the autopilot; default: the one on USB, else {DEFAULT_AUTOPILOT}", link
+    )
+    parser.option("--stream-rate HZ", "rate of position and attitude to request", number(1, 200, " of Hz"), 50.0)
 
 
 def add_target(parser: CommandParser) -> None:
@@ -85,8 +93,12 @@ def add_common(parser: CommandParser, *, web: str = OFF) -> None:
     add_live(parser)
     parser.option("--record DIR", "record packets, frames and readings in the folder DIR")
     parser.option("--json", "print a JSON object for each frame and event on stdout")
-    own = "add an observer of an installed package, or MODULE:CLASS, with its options"
-    parser.option("--observer NAME[,KEY=VALUE]", own, observer, action="append")
+    parser.option(
+        "--observer NAME[,KEY=VALUE]",
+        "add an observer of an installed package, or MODULE:CLASS, with its options",
+        observer,
+        action="append",
+    )
     parser.option("-v --verbose", "print a line for every frame", None, 0, action="count")
     add_web(parser, default=web)
 
@@ -122,8 +134,11 @@ def add_web(parser: CommandParser, *, default: str = OFF) -> None:
 
 def add_map(parser: CommandParser) -> None:
     """Add the option for the picture under the page's map."""
-    what = "picture under the page's map: a GeoTIFF or MBTiles file on this computer; needs the extra maps; default: "
-    parser.option("--map FILE", f"{what}hillshade and contour lines of the scenario's terrain file")
+    parser.option(
+        "--map FILE",
+        "picture under the page's map: a GeoTIFF or MBTiles file on this computer; needs the extra maps; default: "
+        "hillshade and contour lines of the scenario's terrain file",
+    )
 
 
 _place: Final = numbers(
