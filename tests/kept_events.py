@@ -7,7 +7,7 @@ from typing import Any
 
 from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event
-from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.codec import Packet
 
 
 class KeepingSession(Session):

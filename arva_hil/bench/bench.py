@@ -265,7 +265,7 @@ class Bench:
         except ValueError as error:
             raise BenchError(f"{what}: {error}") from None
         navigation = self._followed.session.navigation
-        navigation.track.forget_positions()  # its place is not known any more
+        navigation.track.positions.clear()  # its place is not known any more
         navigation.places.forget()
 
     def _wait(self, seconds: float, enough: Callable[[], bool]) -> None:

@@ -124,10 +124,10 @@ class Datum:
 
     def _take_position(self, session: Session, now: float) -> bool:
         """Use the first position if no home has come in time."""
-        first, life = session.navigation.track.first_position, (self._reboots, session.navigation.jumps)
-        if first is None:
+        positions, life = session.navigation.track.positions, (self._reboots, session.navigation.jumps)
+        if not positions:
             self._first_position_at = None
-        if first is None or (self.lla and not (self._provisional and life != self._taken_in)):
+        if not positions or (self.lla and not (self._provisional and life != self._taken_in)):
             return False
         if self._first_position_at is None:
             self._first_position_at = now
@@ -135,7 +135,7 @@ class Datum:
             return False
         why = Why.POSITION_JUMPED if life[0] == self._taken_in[0] else Why.REBOOTED
         self._provisional, self._taken_in = True, life
-        return self._take((first.lat, first.lon, first.alt), now, why)
+        return self._take(positions[0].place, now, why)
 
     def _take(self, place: Place, now: float, why: Why | None) -> bool:
         """Move the datum. Returns whether it was elsewhere before."""

@@ -13,7 +13,7 @@ from arva_hil.emulator.receivers import EmulatedReceiver
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.world import FollowedSystem, Snapshot, VehicleWorld
 from arva_hil.events import Event, FrameMade, HeartbeatMissing, ReceiverStatus, VehicleStatus
-from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.codec import Packet
 from arva_hil.registry import FORMATS
 
 _SPREAD_S: Final = 0.1  # the first frames of several vehicles wait no longer than this

@@ -157,8 +157,8 @@ class SimulatorTruth:
             self.refused += 1
             return
         self._newest = stamp
-        self.track.add_position(position)
-        self.track.add_attitude(attitude)
+        self.track.positions.add(position)
+        self.track.attitudes.add(attitude)
 
 
 def _sim_state(m: Any, boot: float) -> _Pose:

@@ -55,7 +55,7 @@ class FollowedSystem:
 
     def __init__(self, system: int, start: float) -> None:
         self.system = system
-        self._navigation = Navigation("", lambda event: None)
+        self._navigation = Navigation(lambda *event: None)
         self._component: int | None = None
         self._newest: float | None = None  # pose, on its own clock
         self._heard_at = start

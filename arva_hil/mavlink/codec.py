@@ -12,8 +12,17 @@ from typing import Final
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from arva_hil.mavlink.dialect import CRC_EXTRA, Message, command, decode, layout_of, length_v1, tunnel, untunnel
-from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.dialect import (
+    CRC_EXTRA,
+    Message,
+    Packet,
+    command,
+    decode,
+    layout_of,
+    length_v1,
+    tunnel,
+    untunnel,
+)
 from arva_hil.mavlink.packet_reader import Parser
 from arva_hil.mavlink.signing import Signing
 

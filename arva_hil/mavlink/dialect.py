@@ -1,4 +1,4 @@
-"""pymavlink's dialect with the messages CURRENT_MODE and ESC_STATUS, which it lacks; the layout of messages in packets.
+"""Packets; pymavlink's dialect with CURRENT_MODE and ESC_STATUS, which it lacks; the layout of messages in packets.
 
 https://mavlink.io/en/messages/common.html
 """
@@ -8,12 +8,10 @@ from __future__ import annotations
 import functools
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any, Final, cast
+from typing import Any, Final, Literal, NamedTuple, cast
 
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega
-
-from arva_hil.mavlink.packet import Packet
 
 Message = Any  # pymavlink's generated classes carry no types
 
@@ -171,16 +169,45 @@ def constructor(msgid: int) -> Callable[..., Any]:
 
 
 CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in ardupilotmega.mavlink_map.items()}
+Verdict = Literal["", "unsigned", "forged", "replayed"]
+
+
+class Packet(NamedTuple):
+    """One complete packet as it was received. Its checksum is verified if the dialect knows the message id."""
+
+    raw: bytes
+    system: int
+    component: int
+    msgid: int
+    refused: Verdict = ""  # the reason why its signature is not valid; "" also on a link without a key
+
+    @property
+    def version(self) -> int:
+        """Of MAVLink: 1 or 2."""
+        return 2 if self.raw[0] == 0xFD else 1
+
+    @property
+    def signed(self) -> bool:
+        """True if it has a signature."""
+        return self.version == 2 and self.raw[2] == 1
+
+    @property
+    def known(self) -> bool:
+        """True if the dialect can decode it."""
+        return self.msgid in CRC_EXTRA
+
+
 _CODEC: Final = ardupilotmega.MAVLink(None)  # for messages with text; without a key it has no state
 
 
 def decode(packet: Packet) -> Message | None:
     """Return the message in a packet; None if the dialect cannot decode it."""
     raw, msgid = packet.raw, packet.msgid
-    if not packet.known or (packet.version == 1 and raw[1] < length_v1(msgid)):
+    later = raw[0] == 0xFD
+    if msgid not in CRC_EXTRA or (not later and raw[1] < length_v1(msgid)):
         return None
     if layout := layout_of(msgid):  # pymavlink would verify the checksum again
-        header = 10 if packet.version == 2 else 6
+        header = 10 if later else 6
         return layout.message(raw[header : header + raw[1]])
     try:
         return _CODEC.decode(bytearray(raw))

@@ -13,8 +13,7 @@ from typing import Final
 
 from fastcrc import crc16
 
-from arva_hil.mavlink.dialect import CRC_EXTRA, length_v1
-from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.dialect import CRC_EXTRA, Packet, length_v1
 from arva_hil.mavlink.signing import Signing
 
 _MAGIC_V1: Final = 0xFE
@@ -40,7 +39,7 @@ def usual_packet(data: bytes, at: int) -> Packet | None:
     stop = crc_at + (2 + _SIGNATURE_BYTES if flags else 2)
     if stop > len(data) or _checksum(data[at + 1 : crc_at] + extra) != data[crc_at] | data[crc_at + 1] << 8:
         return None
-    return Packet(data[at:stop], 2, flags == 1, system, component, msgid, True)
+    return Packet(data[at:stop], system, component, msgid)
 
 
 class Parser:
@@ -127,8 +126,7 @@ class Parser:
             self.bad_crc += 1
             return None
         self.malformed += not later and msgid in CRC_EXTRA and raw[1] < length_v1(msgid)
-        signed = later and raw[2] == _SIGNED
-        return Packet(raw, 2 if later else 1, signed, system, component, msgid, msgid in CRC_EXTRA)
+        return Packet(raw, system, component, msgid)
 
     def _is_false_head(self, data: bytes, at: int) -> bool:
         """Return True if the header at `at` is certainly false.

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from arva_hil.mavlink.packet import Packet, Verdict
+from arva_hil.mavlink.dialect import Packet, Verdict
 
 Stream = tuple[int, int, int]  # link, system, component
 

@@ -67,9 +67,9 @@ def flight(seed: int, position_gap: float = 0.25, attitude_gap: float = 0.25) ->
     ]
     track = PoseTrack()
     for position in positions:
-        track.add_position(position)
+        track.positions.add(position)
     for attitude in attitudes:
-        track.add_attitude(attitude)
+        track.attitudes.add(attitude)
     lla = np.array([p[1:4] for p in positions]).T
     ned = np.array(pymap3d.geodetic2ned(*lla, *HOME)).T
     return Flight(track, positions, attitudes, ned, turned([a.angles for a in attitudes]))
@@ -133,8 +133,8 @@ def test_after_the_newest_it_goes_on_with_velocity_and_for_a_while_with_rates(se
 def test_in_a_stall_a_roll_that_ended_is_not_rolled_on(ahead: float) -> None:
     """The vehicle levels out from 12° at 40° a second; nothing more is heard of it."""
     track = PoseTrack()
-    track.add_position(at(1.0))
-    track.add_attitude(AttitudeSample(1.0, (math.radians(12), 0.0, 0.0), (math.radians(-40), 0.0, 0.0)))
+    track.positions.add(at(1.0))
+    track.attitudes.add(AttitudeSample(1.0, (math.radians(12), 0.0, 0.0), (math.radians(-40), 0.0, 0.0)))
     state = pose(track, 1.0 + ahead)
     assert math.degrees(angle(state, Rotation.identity())) < 12
     assert state.age_s == pytest.approx(ahead)
@@ -144,10 +144,10 @@ def test_in_a_stall_a_roll_that_ended_is_not_rolled_on(ahead: float) -> None:
 @pytest.mark.parametrize("rate", [99.0, -99.0])
 def test_no_rate_turns_it_by_more_than_a_bound(axis: int, rate: float) -> None:
     track = PoseTrack()
-    track.add_position(at(1.0))
+    track.positions.add(at(1.0))
     rates = [0.0, 0.0, 0.0]
     rates[axis] = rate
-    track.add_attitude(AttitudeSample(1.0, (0.0, 0.0, 0.0), tuple(rates)))
+    track.attitudes.add(AttitudeSample(1.0, (0.0, 0.0, 0.0), tuple(rates)))
     turns = [math.degrees(angle(pose(track, 1.0 + ahead), Rotation.identity())) for ahead in (0.01, 0.2, 1.0, 2.0)]
     assert max(turns) <= (90.001 if axis == 2 else 30.001)
 
@@ -155,11 +155,11 @@ def test_no_rate_turns_it_by_more_than_a_bound(axis: int, rate: float) -> None:
 def test_positions_can_be_forgotten_and_the_attitude_stays() -> None:
     track = PoseTrack()
     for boot in (1.0, 2.0):
-        track.add_position(at(boot))
-        track.add_attitude(yawed(boot, 0.1))
-    track.forget_positions()
-    assert track.at(1.5, FRAME) is track.first_position is track.last_position is None
-    track.add_position(at(2.1, 5000.0))
+        track.positions.add(at(boot))
+        track.attitudes.add(yawed(boot, 0.1))
+    track.positions.clear()
+    assert track.at(1.5, FRAME) is track.last_position is None
+    track.positions.add(at(2.1, 5000.0))
     assert track.at(2.05, FRAME) is None
     state = pose(track, 2.2)
     assert state.position[0] == pytest.approx(5000, abs=0.01)
@@ -192,10 +192,10 @@ def test_a_quaternion_says_the_same_as_its_angles(seed: int) -> None:
     f = flight(seed)
     other = PoseTrack()
     for position in f.positions:
-        other.add_position(position)
+        other.positions.add(position)
     for attitude, (x, y, z, w) in zip(f.attitudes, f.turned.as_quat(), strict=True):
         sign = -1 if attitude.boot * 1000 % 2 < 1 else 1  # q and −q are the same attitude
-        other.add_attitude(attitude._replace(angles=(sign * w, sign * x, sign * y, sign * z)))
+        other.attitudes.add(attitude._replace(angles=(sign * w, sign * x, sign * y, sign * z)))
     for boot in np.linspace(f.start, f.end + 1, 17):
         w, x, y, z = pose(other, float(boot)).attitude
         assert angle(pose(f.track, float(boot)), Rotation.from_quat([x, y, z, w])) < 1e-6
@@ -222,13 +222,13 @@ def test_an_empty_track_knows_nothing() -> None:
     track = PoseTrack()
     assert track.at(1.0, FRAME) is None
     assert track.newest is None
-    assert track.first_position is None
+    assert not track.positions
 
 
 def test_one_half_of_a_pose_is_none() -> None:
     one, other = PoseTrack(), PoseTrack()
-    one.add_position(at(1.0))
-    other.add_attitude(yawed(1.0))
+    one.positions.add(at(1.0))
+    other.attitudes.add(yawed(1.0))
     for track in (one, other):
         assert track.at(1.0, FRAME) is None
         assert track.newest is None
@@ -237,8 +237,8 @@ def test_one_half_of_a_pose_is_none() -> None:
 @pytest.mark.parametrize(("position", "attitude"), [(1.0, 2.0), (2.0, 1.0)])
 def test_before_the_first_of_either_there_is_none(position: float, attitude: float) -> None:
     track = PoseTrack()
-    track.add_position(at(position))
-    track.add_attitude(yawed(attitude))
+    track.positions.add(at(position))
+    track.attitudes.add(yawed(attitude))
     assert track.at(1.999, FRAME) is None
     assert track.at(2.0, FRAME) is not None
     assert track.newest == 1.0
@@ -248,10 +248,10 @@ def test_before_the_first_of_either_there_is_none(position: float, attitude: flo
 def test_a_wide_gap_is_not_interpolated(gap: float, north: float, heading: float) -> None:
     """The samples are 100 m and 1 rad apart; the first one's own speed is 1 m/s and 0.1 rad/s."""
     track = PoseTrack()
-    track.add_position(at(1.0, 0.0, (1.0, 0, 0)))
-    track.add_position(at(1.0 + gap, 100.0, (1.0, 0, 0)))
-    track.add_attitude(yawed(1.0, 0.0, 0.1))
-    track.add_attitude(yawed(1.0 + gap, 1.0, 0.1))
+    track.positions.add(at(1.0, 0.0, (1.0, 0, 0)))
+    track.positions.add(at(1.0 + gap, 100.0, (1.0, 0, 0)))
+    track.attitudes.add(yawed(1.0, 0.0, 0.1))
+    track.attitudes.add(yawed(1.0 + gap, 1.0, 0.1))
     state = pose(track, 1.0 + gap / 2)
     assert state.position[0] == pytest.approx(north, abs=1e-3)
     assert yaw(state) == pytest.approx(heading)
@@ -262,10 +262,10 @@ def test_a_wide_gap_is_not_interpolated(gap: float, north: float, heading: float
 def test_a_sample_that_comes_twice_or_late_is_dropped(late: float) -> None:
     track = PoseTrack()
     for boot in (1.0, 2.0):
-        track.add_position(at(boot))
-        track.add_attitude(yawed(boot))
-    track.add_position(at(late, 99.0))
-    track.add_attitude(yawed(late, 1.0))
+        track.positions.add(at(boot))
+        track.attitudes.add(yawed(boot))
+    track.positions.add(at(late, 99.0))
+    track.attitudes.add(yawed(late, 1.0))
     for boot in (1.0, 1.5, 1.95, 2.0, 2.5):
         state = pose(track, boot)
         assert np.linalg.norm(state.position) < 1e-3
@@ -277,12 +277,12 @@ def test_a_sample_that_comes_twice_or_late_is_dropped(late: float) -> None:
 def test_ten_seconds_are_remembered() -> None:
     track = PoseTrack()
     for i in range(1500):
-        track.add_position(at(i / 50))
-        track.add_attitude(yawed(i / 50))
+        track.positions.add(at(i / 50))
+        track.attitudes.add(yawed(i / 50))
     assert track.newest == pytest.approx(29.98)
     assert track.at(20.0, FRAME) is not None
     assert track.at(19.9, FRAME) is None
-    assert track.first_position == at(19.98)
+    assert track.positions[0] == at(19.98)
 
 
 def test_memory_does_not_grow() -> None:
@@ -291,8 +291,8 @@ def test_memory_does_not_grow() -> None:
 
     def fill(start: float) -> int:
         for i in range(10_000):
-            track.add_position(PositionSample(start + i * 1e-6, *HOME, (0.0, 0.0, 0.0)))
-            track.add_attitude(AttitudeSample(start + i * 1e-6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+            track.positions.add(PositionSample(start + i * 1e-6, *HOME, (0.0, 0.0, 0.0)))
+            track.attitudes.add(AttitudeSample(start + i * 1e-6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
         return tracemalloc.get_traced_memory()[0]
 
     tracemalloc.start()

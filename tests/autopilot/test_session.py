@@ -96,7 +96,7 @@ def knowledge(session: KeepingSession, now: float) -> str:
         session.vehicle,
         session.navigation.home,
         session.navigation.track.newest,
-        session.navigation.track.first_position,
+        next(iter(session.navigation.track.positions), None),
         session.navigation.reboots,
     )
     counts = (
@@ -287,7 +287,7 @@ def test_zero_latitude_and_longitude_are_no_position() -> None:
     session = KeepingSession()
     for message in (heartbeat(), attitude(10.0), position(10.0, 0.0, 0.0, 0.0)):
         tell(session, message, 100.0)
-    assert session.navigation.track.first_position is None
+    assert not session.navigation.track.positions
     assert session.navigation.state_at(100.0, FRAME) is None
     assert (session.navigation.unpositioned, session.navigation.refused) == (1, 0)
 
@@ -297,7 +297,7 @@ def test_a_place_on_the_equator_or_the_edge_is_a_position(lat: float, lon: float
     session = KeepingSession()
     tell(session, heartbeat(), 100.0)
     tell(session, position(10.0, lat, lon), 100.0)
-    assert session.navigation.track.first_position is not None
+    assert session.navigation.track.positions
     assert session.navigation.refused == session.navigation.unpositioned == 0
 
 

@@ -302,7 +302,7 @@ def test_the_vehicles_answer_is_kept_for_a_person() -> None:
 @pytest.mark.parametrize(("sent_hz", "until"), [(10.0, 7.3), (8.0, 7.3), (50.0, 12.0)])
 def test_a_stream_that_stops_is_asked_for_as_soon_as_its_rate_is_too_low(sent_hz: float, until: float) -> None:
     """7 of 10 Hz are enough: 14 messages in two seconds. Nothing is asked for before, and no look comes too late."""
-    streams, came, asked = Streams(10.0, "", lambda event: None), list[float](), list[float]()
+    streams, came, asked = Streams(10.0, lambda *event: None), list[float](), list[float]()
     for step in range(1, 2000):
         now = step / 100
         if now <= until and int(now * sent_hz) > int((now - 0.01) * sent_hz):

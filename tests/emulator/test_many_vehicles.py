@@ -13,8 +13,7 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.events import FramesLate
 from arva_hil.links import Link, memory
-from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.codec import Encoder, Packet, dialect
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live

@@ -231,7 +231,7 @@ class Bench:
             assert np.isfinite(session.navigation.home).all()
         told = session.navigation
         counts = told.reboots, told.refused, told.unpositioned, told.times.strays, told.places.strays
-        known = session.vehicle, told.home, told.track.newest, told.track.first_position
+        known = session.vehicle, told.home, told.track.newest, list(told.track.positions)[:1]
         return pose, rates, counts, known, told.clock.boot(now)
 
 

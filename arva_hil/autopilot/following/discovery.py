@@ -10,7 +10,7 @@ from typing import Any, Final
 from arva_hil.autopilot.following.navigation import ClockMap, Place, is_zero, offset_m, place_of
 from arva_hil.events.reasons import HeardSource, Reason, Why, because
 from arva_hil.mavlink.codec import Packet, dialect
-from arva_hil.mavlink.packet import Verdict
+from arva_hil.mavlink.dialect import Verdict
 
 _MOST_SOURCES: Final = 32  # a hostile link may have 65,536
 _KINDS: Final = "GCS GIMBAL ADSB CAMERA ONBOARD_CONTROLLER ANTENNA_TRACKER"

@@ -15,7 +15,6 @@ from typing import Any, Final, Generic, Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.events import Event
 from arva_hil.events.vehicles import ClockLeapt, PositionJumped
 from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field.geodesy import LocalFrame
@@ -116,9 +115,14 @@ class PositionSample(NamedTuple):
     velocity: tuple[float, float, float]
 
     @property
+    def place(self) -> Place:
+        """Its degrees, degrees and metres."""
+        return self.lat, self.lon, self.alt
+
+    @property
     def frame(self) -> LocalFrame:
         """The NED frame with its origin there."""
-        return LocalFrame(self.lat, self.lon, self.alt)
+        return LocalFrame(*self.place)
 
 
 class AttitudeSample(NamedTuple):
@@ -154,8 +158,35 @@ class VehicleState(NamedTuple):
 S = TypeVar("S", PositionSample, AttitudeSample)
 
 
+class Samples(deque[S]):
+    """The samples of the last 10 s, in the order of their boot times."""
+
+    def __init__(self) -> None:
+        super().__init__(maxlen=_KEEP_SAMPLES)
+
+    def add(self, sample: S) -> None:
+        """Add a sample. One that comes late or twice is dropped."""
+        boot = sample.boot
+        if self and boot <= self[-1].boot:
+            return
+        self.append(sample)
+        oldest = boot - _KEEP_S
+        while self[0].boot < oldest:
+            self.popleft()
+
+    def around(self, boot: float) -> tuple[S, S | None] | None:
+        """Return the last sample at or before `boot`, and the next one if it is near enough to interpolate."""
+        after: S | None = None
+        for sample in reversed(self):
+            if sample.boot <= boot:
+                near = after is not None and after.boot - sample.boot <= _WIDEST_GAP_S
+                return sample, after if near else None
+            after = sample
+        return None
+
+
 class PoseTrack:
-    """Remembers the last seconds of position and attitude.
+    """Remembers the last seconds of `positions` and `attitudes`.
 
     Between two samples the pose is interpolated (position: cubic Hermite with the velocities of both; attitude: slerp).
     After the newest sample it is extrapolated: the position with its velocity, the attitude for some time with its body
@@ -163,35 +194,20 @@ class PoseTrack:
     """
 
     def __init__(self) -> None:
-        self._positions: deque[PositionSample] = deque(maxlen=_KEEP_SAMPLES)
-        self._attitudes: deque[AttitudeSample] = deque(maxlen=_KEEP_SAMPLES)
-
-    def add_position(self, sample: PositionSample) -> None:
-        _append(self._positions, sample)
-
-    def add_attitude(self, sample: AttitudeSample) -> None:
-        _append(self._attitudes, sample)
-
-    def forget_positions(self) -> None:
-        """Forget all positions: the next ones do not follow from them."""
-        self._positions.clear()
+        self.positions = Samples[PositionSample]()
+        self.attitudes = Samples[AttitudeSample]()
 
     @property
     def newest(self) -> float | None:
         """The boot time [s] up to which both position and attitude are known."""
-        if not self._positions or not self._attitudes:
+        if not self.positions or not self.attitudes:
             return None
-        return min(self._positions[-1].boot, self._attitudes[-1].boot)
-
-    @property
-    def first_position(self) -> PositionSample | None:
-        """The oldest position that is remembered."""
-        return self._positions[0] if self._positions else None
+        return min(self.positions[-1].boot, self.attitudes[-1].boot)
 
     @property
     def last_position(self) -> PositionSample | None:
         """The newest position."""
-        return self._positions[-1] if self._positions else None
+        return self.positions[-1] if self.positions else None
 
     def is_known(self, boot: float | None) -> bool:
         """Return True if no later sample can change the pose at boot time `boot` [s]; true before the first sample."""
@@ -202,8 +218,8 @@ class PoseTrack:
         """Return the pose at boot time `boot` [s] in the NED frame `frame`; None if it is not known."""
         if boot is None:
             return None
-        position = _around(self._positions, boot)
-        attitude = _around(self._attitudes, boot)
+        position = self.positions.around(boot)
+        attitude = self.attitudes.around(boot)
         if position is None or attitude is None:
             return None
         where, velocity = _position_at(boot, *position, frame)
@@ -214,28 +230,6 @@ class PoseTrack:
         else:
             there = attitude_ahead(a, boot - a.boot)
         return VehicleState(boot, where, velocity, there, age)
-
-
-def _append(samples: deque[S], sample: S) -> None:
-    """Append a sample. One that comes late or twice is dropped."""
-    boot = sample[0]
-    if samples and boot <= samples[-1][0]:
-        return
-    samples.append(sample)
-    oldest = boot - _KEEP_S
-    while samples[0][0] < oldest:
-        samples.popleft()
-
-
-def _around(samples: deque[S], boot: float) -> tuple[S, S | None] | None:
-    """Return the last sample at or before `boot`, and the next one if it is near enough to interpolate."""
-    after: S | None = None
-    for sample in reversed(samples):
-        if sample.boot <= boot:
-            near = after is not None and after.boot - sample.boot <= _WIDEST_GAP_S
-            return sample, after if near else None
-        after = sample
-    return None
 
 
 def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame: LocalFrame) -> tuple[Vector, Vector]:
@@ -256,6 +250,8 @@ def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame
 
 
 T = TypeVar("T")
+Emit = Callable[..., None]
+"""Emits an event of the vehicle: its class, the time [s], and its own values."""
 Judgement = Literal["follows", "stray", "anew"]
 
 _SETTLE_S: Final = 0.5
@@ -310,8 +306,8 @@ _JUMP_M: Final = 100.0  # an estimator may correct itself by this much
 _SPEED_MS: Final = 100.0
 _LOWEST_M: Final = -1_000.0
 _HIGHEST_M: Final = 100_000.0
-_LARGEST_ANGLES: Final = 8.0**2  # radians², the sum of squares; yaw comes as 0…2π or as ±π
-_LARGEST_RATES: Final = 100.0**2  # rad²/s², likewise
+_LARGEST_ANGLES: Final = 8.0  # radians, of all three together; yaw comes as 0…2π or as ±π
+_LARGEST_RATES: Final = 100.0  # rad/s, likewise
 _M_PER_DEG: Final = 111_320.0
 _HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
@@ -323,14 +319,14 @@ HANDLED: Final = frozenset({_POSITION, _ATTITUDE, _QUATERNION, _HOME})  # by `Na
 class Navigation:
     """Remembers the clock, the poses and the home by the vehicle's own messages. Times are host seconds.
 
-    `vehicle`: its name in events, which go to `emit`.
+    `emit`: emits an event of the vehicle, from its class, the time and its values.
 
     Counters of values that are not used: `refused` (no valid pose), `unpositioned` (positions before the first fix),
     `strays` of `times` and `places` (single values that do not fit those before). Counters of changes that are
     accepted: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
     """
 
-    def __init__(self, vehicle: str, emit: Callable[[Event], None]) -> None:
+    def __init__(self, emit: Emit) -> None:
         self.track = PoseTrack()
         self.clock = ClockMap()
         self.home: Place | None = None
@@ -339,16 +335,10 @@ class Navigation:
         self.reboots = 0
         self.leaps = 0
         self.jumps = 0
-        self._vehicle = vehicle
         self._emit = emit
         self.times = Plausibility(self._time_follows, best=max)
         self.places = Plausibility(_place_follows)
         self._reorder_s = _REORDER_S
-        self._stamped: dict[int, Callable[[Any, float, float], None]] = {
-            _POSITION: self._on_position,
-            _ATTITUDE: self._on_attitude,
-            _QUATERNION: self._on_quaternion,
-        }
 
     def on_message(self, message: Any, now: float) -> Judgement:
         """Use a `HANDLED` message. Returns "anew" if the vehicle has rebooted: its boot time has gone back."""
@@ -369,7 +359,7 @@ class Navigation:
                 judgement = "follows"
         self._reorder_s = _REORDER_S
         self.clock.add(now, boot)
-        self._stamped[message.id](message, boot, now)
+        _STAMPED[message.id](self, message, boot, now)
         return judgement
 
     def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
@@ -399,7 +389,7 @@ class Navigation:
         """Handle a leap: earlier packets were delayed, so the vehicle may be far from its earlier place."""
         self.leaps += 1
         self.places.forget()
-        self._emit(ClockLeapt(now, self._vehicle, ahead_s))
+        self._emit(ClockLeapt, now, ahead_s)
 
     def _on_position(self, message: Any, boot: float, now: float) -> None:
         if message.lat == message.lon == 0:
@@ -414,22 +404,22 @@ class Navigation:
             return
         if judgement == "anew" and (before := self.track.last_position):
             self.jumps += 1
-            self.track.forget_positions()  # the vehicle was never between the two sides of the jump
-            self._emit(PositionJumped(now, self._vehicle, math.hypot(*offset_m(before[1:4], place))))
-        self.track.add_position(PositionSample(boot, *place, velocity))
+            self.track.positions.clear()  # the vehicle was never between the two sides of the jump
+            self._emit(PositionJumped, now, math.hypot(*offset_m(before.place, place)))
+        self.track.positions.add(PositionSample(boot, *place, velocity))
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:
-        roll, pitch, yaw = angles = message.roll, message.pitch, message.yaw
-        self._add_attitude(message, boot, angles, _square(roll, pitch, yaw) < _LARGEST_ANGLES)
+        angles = message.roll, message.pitch, message.yaw
+        self._add_attitude(message, boot, angles, math.hypot(*angles) < _LARGEST_ANGLES)
 
     def _on_quaternion(self, message: Any, boot: float, now: float) -> None:
-        w, x, y, z = quaternion = message.q1, message.q2, message.q3, message.q4
-        self._add_attitude(message, boot, quaternion, 0.9 < w * w + _square(x, y, z) < 1.1)
+        quaternion = message.q1, message.q2, message.q3, message.q4
+        self._add_attitude(message, boot, quaternion, 0.9 < math.hypot(*quaternion) ** 2 < 1.1)
 
     def _add_attitude(self, message: Any, boot: float, angles: tuple[float, ...], possible: bool) -> None:
-        p, q, r = rates = message.rollspeed, message.pitchspeed, message.yawspeed
-        if possible and _square(p, q, r) < _LARGEST_RATES:
-            self.track.add_attitude(AttitudeSample(boot, angles, rates))
+        rates = message.rollspeed, message.pitchspeed, message.yawspeed
+        if possible and math.hypot(*rates) < _LARGEST_RATES:  # false for NaN
+            self.track.attitudes.add(AttitudeSample(boot, angles, rates))
         else:
             self.refused += 1
 
@@ -441,15 +431,17 @@ class Navigation:
             self.refused += 1
 
 
+_STAMPED: Final = {
+    _POSITION: Navigation._on_position,
+    _ATTITUDE: Navigation._on_attitude,
+    _QUATERNION: Navigation._on_quaternion,
+}
+
+
 def place_of(message: Any) -> tuple[Place, tuple[float, float, float]]:
     """Return the place and the velocity [m/s, NED] of a GLOBAL_POSITION_INT."""
     velocity = message.vx / 100, message.vy / 100, message.vz / 100
     return (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3), velocity
-
-
-def _square(x: float, y: float, z: float) -> float:
-    """Return the squared length; NaN if a value is NaN, so that every comparison is false."""
-    return x * x + y * y + z * z
 
 
 def is_zero(message: Any) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Hashable, Iterator, Sequence
+from collections.abc import Callable, Container, Hashable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -112,8 +112,8 @@ class Session:
         self.vehicle: Vehicle | None = None
         self.next_due = -math.inf
         self._events: list[Event] = []  # since the last `receive` or `poll`
-        self.navigation = Navigation(name, self._events.append)
-        self.streams = Streams(rate_hz, name, self._events.append)
+        self.navigation = Navigation(self._emit)
+        self.streams = Streams(rate_hz, self._emit)
         self._finder = VehicleDiscovery(target_system, target_component)
         self._identity: Identity | None = None  # of the pinned vehicle
         self._heartbeats = Heartbeats(passive=passive)
@@ -186,7 +186,7 @@ class Session:
                 self._on_refused(packet, now)
             elif vehicle is None or msgid == _HEARTBEAT:
                 (own if self._discover(packet, now, sender) else others).append(packet)
-            elif (packet.system, packet.component, sender) == (vehicle.system, vehicle.component, self.senders.vehicle):
+            elif vehicle.sent(packet) and sender == self.senders.vehicle:
                 own.append(packet)
                 if msgid in _DECODED and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
@@ -211,7 +211,7 @@ class Session:
         beats = self._heartbeats
         if now - beats.last_s > _LOST_S and self.vehicle and not (beats.lost or beats.interrupted):
             beats.lost = True
-            self._events.append(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
+            self._emit(vehicles.VehicleLost, now, str(self.vehicle), _LOST_S)
         if self.reader.signing:
             self.reader.signing.advance(now)
         if beats.passive:
@@ -253,10 +253,13 @@ class Session:
         """Handle a pause in reading: silence until `now` does not count."""
         self._heartbeats.last_s = max(self._heartbeats.last_s, now)
 
+    def _emit(self, kind: Callable[..., Event], now: float, *values: Any) -> None:
+        """Emit an event of the vehicle."""
+        self._events.append(kind(now, self.name, *values))
+
     def _emitted(self) -> Sequence[Event]:
         """Return the events since the last call."""
-        events = self._events[:]
-        self._events.clear()
+        events, self._events = self._events, []
         return events
 
     def _on_refused(self, packet: Packet, now: float) -> None:
@@ -264,7 +267,7 @@ class Session:
         if packet.refused not in self._finder.refusals:
             self._finder.refusals.add(packet.refused)
             about = packet.system, packet.component, packet.refused
-            self._events.append(vehicles.SignatureRefused(now, self.name, *about))
+            self._emit(vehicles.SignatureRefused, now, *about)
 
     def _discover(self, packet: Packet, now: float, sender: Hashable) -> bool:
         """Use a heartbeat, or any packet before the vehicle is known. Returns True if it is the vehicle's."""
@@ -307,7 +310,7 @@ class Session:
         assert self.vehicle is not None
         same = self.vehicle.sent(packet)
         if (found or same) and self._finder.count(packet, "other"):
-            self._events.append(vehicles.OtherAutopilotIgnored(now, self.name, packet.system, packet.component, same))
+            self._emit(vehicles.OtherAutopilotIgnored, now, packet.system, packet.component, same)
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
@@ -316,9 +319,9 @@ class Session:
         self.encoder.version = vehicle.version
         self.streams.restart(now)
         self.next_due = self._heartbeats.last_s = now
-        self._events.append(vehicles.VehicleFound(now, self.name, str(vehicle), vehicle.version, signed))
+        self._emit(vehicles.VehicleFound, now, str(vehicle), vehicle.version, signed)
         if signed and not self.reader.signing and not self._heartbeats.passive:
-            self._events.append(vehicles.SignaturesUnchecked(now, self.name))
+            self._emit(vehicles.SignaturesUnchecked, now)
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
@@ -331,7 +334,7 @@ class Session:
         if self._heartbeats.lost:
             self._heartbeats.lost = False
             self.navigation.home = None  # it may have changed: request it again
-            self._events.append(vehicles.VehicleBack(now, self.name, str(self.vehicle)))
+            self._emit(vehicles.VehicleBack, now, str(self.vehicle))
 
     def _navigate(self, message: Any, now: float) -> None:
         if self._identity and not self._identity.owns(message, now):
@@ -339,7 +342,7 @@ class Session:
         judgement = self.navigation.on_message(message, now)
         if judgement == "anew":
             self.streams.restart(now)
-            self._events.append(vehicles.VehicleRebooted(now, self.name, str(self.vehicle)))
+            self._emit(vehicles.VehicleRebooted, now, str(self.vehicle))
         if judgement != "stray" and message.id != _HOME:
             self.streams.on_message(message.id, now)
 
@@ -400,7 +403,7 @@ class Session:
         """Return the reason why there is a vehicle but no pose."""
         if self.vehicle is None:
             return NoPose("no vehicle")
-        nowhere = self.navigation.track.first_position is None
+        nowhere = not self.navigation.track.positions
         zeros = nowhere and self.navigation.unpositioned > 0
         missing = []
         for stream in self.streams.wanted:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from arva_hil.events import Event
+from arva_hil.autopilot.following.navigation import Emit
 from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
 from arva_hil.mavlink.codec import RESULTS, command, dialect
 
@@ -99,13 +99,11 @@ class Streams:
 
     A stream is requested with SET_MESSAGE_INTERVAL, one request at a time because its acknowledgement does not name the
     message. A denied rate is halved. If the command is unknown or has no effect, REQUEST_DATA_STREAM is used. Streams
-    that are fast enough already are not requested. `rate_hz`: of the pose streams. `vehicle`: its name in
-    events, which go to `emit`.
+    that are fast enough already are not requested. `rate_hz`: of the pose streams. `emit`: see `Navigation`.
     """
 
-    def __init__(self, rate_hz: float, vehicle: str, emit: Callable[[Event], None]) -> None:
+    def __init__(self, rate_hz: float, emit: Emit) -> None:
         self.rate_hz = rate_hz
-        self._vehicle = vehicle
         self._emit = emit
         self._extras: dict[int, float] = {}
         self.restart(0.0)
@@ -185,7 +183,7 @@ class Streams:
         if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
             stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
             stream.tries, stream.next_ask = 0, 0.0
-            self._emit(StreamRateLowered(now, self._vehicle, stream.name, *stream.asked, stream.want_hz))
+            self._emit(StreamRateLowered, now, stream.name, *stream.asked, stream.want_hz)
         elif result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED):
             self._change_kind(stream, now)
 
@@ -206,5 +204,5 @@ class Streams:
     def _change_kind(self, stream: Stream, now: float) -> None:
         stream.by_group = not stream.by_group
         if stream.by_group and stream.tries <= _PATIENCE:  # only once
-            self._emit(StreamAskedOtherwise(now, self._vehicle, stream.name, *stream.asked, stream.want_hz))
+            self._emit(StreamAskedOtherwise, now, stream.name, *stream.asked, stream.want_hz)
         stream.next_ask = 0.0

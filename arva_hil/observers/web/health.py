@@ -10,8 +10,7 @@ from arva_hil import events
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.modes import modes_of
 from arva_hil.events import Event, PacketsReceived, StatusReport, VehicleStatus, vehicles
-from arva_hil.mavlink.codec import decode, dialect
-from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.codec import Packet, decode, dialect
 from arva_hil.safe_text import one_line
 
 USED: Final = (

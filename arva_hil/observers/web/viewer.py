@@ -17,7 +17,7 @@ from arva_hil.events.event_json import event_of
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, VictimNoted, WaitingFor
 from arva_hil.events.words.text import Level, Notice
-from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.codec import Packet
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
