@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,12 +19,10 @@ from arva_hil.emulator.setup import VehicleSetup, one_vehicle
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.errors import ArvaError
 from arva_hil.events import FrameMade
-from arva_hil.links import LinkError
-from arva_hil.links.tlog import TlogReader
-from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.model.field import rotation
 from arva_hil.records.reading import RecordedReceiver, Recording, RecordingError
 from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading.streams import logged
 from arva_hil.records.writing.layout import TLOG
 from firmware_proto import Frame
 
@@ -201,31 +198,17 @@ def _arrives(made: FrameMade, faults: Faults, encode: Callable[[Frame, int], byt
     return copies > 0 and all(one.whole for one in queued)
 
 
-def packets(recording: Recording) -> Iterator[tuple[float, bytes]]:
-    """Yield the packets of a record's log, each with its time from the start of the frames [s].
+def feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle: Callable[[float], None]) -> float:
+    """Feed the packets of a record to a vehicle's world. `settle(now)`: called before the packets of `now`.
 
-    Raises RecordingError.
+    Times are from the start of the frames [s]. Returns that of the last packets. Raises RecordingError.
     """
     path = recording.folder / TLOG
     if not path.exists() or recording.log_start_s is None:
         raise RecordingError(recording.folder, f"there are no poses in it: {TLOG} is missing")
-    start_us = recording.log_start_s * 1e6
-    try:
-        with closing(TlogReader(path)) as log:
-            for time_us, raw in Timeline(log, stamped=log.stamped):
-                yield (time_us - start_us) / 1e6, raw
-    except LinkError as error:
-        raise RecordingError(path, str(error)) from None
-
-
-def feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle: Callable[[float], None]) -> float:
-    """Feed the packets of a record to a vehicle's world. `settle(now)`: called before the packets of `now`.
-
-    Returns the time of the last ones. Raises RecordingError.
-    """
     before = -math.inf
-    for now, raw in packets(recording):
-        now = max(now, before)
+    for time_us, raw in logged(path, continuous=True):
+        now = max((time_us - recording.log_start_s * 1e6) / 1e6, before)
         if now > before:
             settle(now)
         before = now
@@ -236,32 +219,28 @@ def feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle:
 def _columns(receiver: RecordedReceiver, made: Sequence[FrameMade], numbers: NDArray[np.intp]) -> RecordedReceiver:
     slots = [slot for event in made for slot in event.reading.channels]
     begins = np.cumsum([0, *(len(event.reading.channels) for event in made)])
-    n = len(made)
     poses = [event.pose for event in made]
     position = np.array([_NO_ANGLE if pose is None else pose.position for pose in poses]).reshape(-1, 3)
     angles = [_NO_ANGLE if pose is None else np.degrees(rotation.to_euler(pose.rotation)) for pose in poses]
-    nan = math.nan
-
-    def whole(values: Sequence[int]) -> NDArray[np.int64]:
-        return np.array(values, np.int64)
-
+    ids = [NO_ID if slot.id is None else slot.id for slot in slots]
+    ranges = [math.nan if slot.true_range_m is None else slot.true_range_m for slot in slots]
     return RecordedReceiver(
         "",
         "",
-        whole([event.frame.sequence for event in made]),
+        np.array([event.frame.sequence for event in made], np.int64),
         receiver.time_s[numbers],
         receiver.boot_ms[numbers],
         position,
         np.array(angles).reshape(-1, 3),
         receiver.pose_age_ms[numbers],
         position,
-        np.zeros(n),
+        np.zeros(len(made)),
         begins,
-        whole([NO_ID if slot.id is None else slot.id for slot in slots]),
-        whole([slot.zone for slot in slots]),
-        whole([slot.d_cm for slot in slots]),
-        whole([slot.delta_deg for slot in slots]),
-        np.array([nan if slot.true_range_m is None else slot.true_range_m for slot in slots]),
+        np.array(ids, np.int64),
+        np.array([slot.zone for slot in slots], np.int64),
+        np.array([slot.d_cm for slot in slots], np.int64),
+        np.array([slot.delta_deg for slot in slots], np.int64),
+        np.array(ranges, float),
         ((),),
-        np.zeros(n, np.int64),
+        np.zeros(len(made), np.int64),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
@@ -87,8 +87,8 @@ class _Columns(NamedTuple):
     """The readings of one transmitter by both receivers, at each pair of frames."""
 
     time_s: Floats
-    first: tuple[Floats, Floats, NDArray[Any], Floats]  # d, δ, zone, true range
-    second: tuple[Floats, Floats, NDArray[Any], Floats]
+    first: Sequence[NDArray[Any]]  # d, δ, zone, true range
+    second: Sequence[NDArray[Any]]
 
 
 Ranges = Mapping[int, Floats]
@@ -101,18 +101,10 @@ def compared(
     one: RecordedReceiver, two: RecordedReceiver, pairs: Paired, ranges: Ranges = _NO_RANGES
 ) -> list[Comparison]:
     """Compare two receivers, for each transmitter that one of them received."""
-    return [_of_one(one, two, pairs, *ids, ranges) for ids in _ids(one, two)]
-
-
-def _ids(one: RecordedReceiver, two: RecordedReceiver) -> Iterator[tuple[int, int]]:
-    """Yield the ids of each transmitter in both. Frames without ids are of the nearest transmitter."""
-    nameless = [not receiver.ids and bool((receiver.zone > 0).any()) for receiver in (one, two)]
-    if any(nameless):
-        first, second = (_nearest(receiver) for receiver in (one, two))
-        yield first, second
-        return
-    for id_ in sorted({*one.ids, *two.ids}):
-        yield id_, id_
+    ids = [(id_, id_) for id_ in sorted({*one.ids, *two.ids})]
+    if any(not receiver.ids and (receiver.zone > 0).any() for receiver in (one, two)):  # frames without ids
+        ids = [(_nearest(one), _nearest(two))]
+    return [_of_one(one, two, pairs, *both, ranges) for both in ids]
 
 
 def _nearest(receiver: RecordedReceiver) -> int:
@@ -125,14 +117,16 @@ def _nearest(receiver: RecordedReceiver) -> int:
 def _of_one(
     one: RecordedReceiver, two: RecordedReceiver, pairs: Paired, id_1: int, id_2: int, ranges: Ranges
 ) -> Comparison:
-    first = _at(one.of_transmitter(id_1), pairs.first)
-    second = _at(two.of_transmitter(id_2), pairs.second)
+    first: list[NDArray[Any]] = [column[pairs.first] for column in one.of_transmitter(id_1)]
+    second: list[NDArray[Any]] = [column[pairs.second] for column in two.of_transmitter(id_2)]
     if id_2 in ranges:
-        second = (*second[:3], ranges[id_2][pairs.second])
+        second[3] = ranges[id_2][pairs.second]
     columns = _Columns(one.time_s[pairs.first], first, second)
     heard_1, heard_2 = first[2] > 0, second[2] > 0
     both = heard_1 & heard_2
     range_m = np.where(np.isfinite(second[3]), second[3], first[3])
+    # from each first frame to its second one, by the autopilot's clock; 0 without a pose
+    later_s = np.nan_to_num(two.boot_ms[pairs.second] - one.boot_ms[pairs.first]) / 1e3
     groups = {
         "range": _by(columns, np.where(np.isfinite(range_m), range_m, second[0]), _RANGES_M, "m"),
         "zone": [
@@ -151,7 +145,7 @@ def _of_one(
         int((heard_2 & ~heard_1).sum()),
         _lost(one),
         _lost(two),
-        _lag_s(columns, _later_s(one, two, pairs)) if pairs.how == "time" else None,
+        _lag_s(columns, later_s) if pairs.how == "time" else None,
         _spread("all", columns, both),
         groups,
         _hints(one, two, pairs, columns, id_2),
@@ -162,11 +156,6 @@ def _of_one(
         second[1],
         range_m,
     )
-
-
-def _at(columns: tuple[Any, ...], index: Any) -> tuple[Floats, Floats, NDArray[Any], Floats]:
-    d_m, delta, zone, range_m = (column[index] for column in columns)
-    return d_m, delta, zone, range_m
 
 
 def _spread(label: str, c: _Columns, here: Mask) -> Spread | None:
@@ -218,12 +207,6 @@ def _lost(receiver: RecordedReceiver) -> int:
     """Return the number of frames missing in the sequence."""
     numbers = receiver.sequence.tolist()
     return sum(missing(a % 256, b % 256) for a, b in pairwise(numbers) if (b - a) % 256 > 1)
-
-
-def _later_s(one: RecordedReceiver, two: RecordedReceiver, pairs: Paired) -> Floats:
-    """Return the time from each first frame to its second one, by the autopilot's clock [s]; 0 without a pose."""
-    later: Floats = np.nan_to_num(two.boot_ms[pairs.second] - one.boot_ms[pairs.first]) / 1e3
-    return later
 
 
 def _lag_s(c: _Columns, later_s: Floats) -> float | None:

@@ -12,9 +12,13 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from arva_hil.clock import from_utc
 from arva_hil.errors import ArvaError
@@ -61,6 +65,13 @@ class Lines:
         """Return an error at the newest line."""
         return RecordingError(f"{self.path}:{self.number}", found)
 
+    def whole_number(self, cell: str) -> int:
+        """Return the integer in a cell of the newest line. Raises RecordingError."""
+        try:
+            return int(cell)
+        except ValueError:
+            raise self.error(f"{cell[:40]!r}, expected a number") from None
+
     @property
     def note(self) -> list[str]:
         """The notes on a file whose last line is cut, to be written once."""
@@ -89,6 +100,47 @@ def _rows(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[list[
             yield row
     except csv.Error as error:
         raise lines.error(f"is no line of CSV: {error}") from None
+
+
+class Numbers:
+    """Columns of a table. An empty cell is NaN, or −1 in a column of integers; an infinite number is NaN.
+
+    `columns`: those of the file. `kinds`: the type codes of `array` by name; what the file lacks is NaN.
+    """
+
+    def __init__(self, lines: Lines, columns: Mapping[str, int], kinds: Mapping[str, str]) -> None:
+        self._lines = lines
+        self._values: dict[str, array[Any]] = {name: array(kind) for name, kind in kinds.items()}
+        self._there: list[tuple[int, array[Any], Callable[[str], float], float]] = []
+        for name, kind in kinds.items():
+            if name in columns:
+                parsed, nothing = (float, math.nan) if kind == "d" else (int, -1)
+                self._there.append((columns[name], self._values[name], parsed, nothing))
+
+    def __len__(self) -> int:
+        return len(self._there[0][1]) if self._there else 0
+
+    def add(self, row: Sequence[str]) -> None:
+        """Add one row, the newest line. Raises RecordingError."""
+        cell = ""
+        try:
+            for at, values, parsed, nothing in self._there:
+                cell = row[at]
+                values.append(parsed(cell) if cell else nothing)
+        except ValueError:
+            raise self._lines.error(f"{cell[:40]!r}, expected a number") from None
+        except OverflowError:
+            raise self._lines.error(f"{cell[:40]} is out of range") from None
+
+    def column(self, name: str, count: int) -> NDArray[Any]:
+        """Return the first `count` numbers of a column, which cannot be changed."""
+        values = np.array(self._values[name][:count])
+        if len(values) < count:
+            values = np.full(count, math.nan)
+        if values.dtype == float:
+            values[np.isinf(values)] = math.nan
+        values.flags.writeable = False
+        return values
 
 
 def json_object(path: Path) -> dict[str, Any]:
@@ -175,6 +227,11 @@ def text(value: object) -> str:
 def mapping(value: object) -> Mapping[str, Any]:
     """Return an object, an empty one for anything else."""
     return value if isinstance(value, dict) else {}
+
+
+def objects(value: object) -> list[Mapping[str, Any]]:
+    """Return the objects of a list, an empty list for anything else."""
+    return [mapping(one) for one in value] if isinstance(value, list) else []
 
 
 def seconds_of(utc: str) -> float | None:

@@ -13,7 +13,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.records.reading.lines import Lines, json_object, mapping, number, pair, seconds_of, table, text, triple
+from arva_hil.records.reading.lines import (
+    Lines,
+    Numbers,
+    json_object,
+    mapping,
+    number,
+    objects,
+    pair,
+    seconds_of,
+    table,
+    text,
+    triple,
+)
 from arva_hil.records.writing.search_log import OUTCOME, TRACK
 
 Floats = NDArray[np.float64]
@@ -103,9 +115,7 @@ class RecordedSearch:
     @cached_property
     def victims(self) -> tuple[RecordedPlace, ...]:
         """The places of a search for several, in the order of probing."""
-        every = self.outcome.get("victims")
-        places = (_place(one, mapping(one)) for one in every) if isinstance(every, list) else ()
-        return tuple(place for place in places if place)
+        return tuple(place for one in objects(self.outcome.get("victims")) if (place := _place(one, one)))
 
     @property
     def places(self) -> tuple[RecordedPlace, ...]:
@@ -134,21 +144,17 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         return None, []
     lines = Lines(folder / TRACK)
     columns, rows = table(lines, ("phase", *_NUMBERS))
-    cells, phases, names = array("d"), array("b"), dict[str, int]()
-    at = [columns[name] for name in _NUMBERS] if columns else []
+    numbers = Numbers(lines, columns, dict.fromkeys(_NUMBERS, "d"))
+    phases, names = array("b"), dict[str, int]()
     for row in rows:
-        for cell in [row[n] for n in at]:
-            try:
-                cells.append(float(cell) if cell else math.nan)
-            except ValueError:
-                raise lines.error(f"{cell[:40]!r}, expected a number") from None
+        numbers.add(row)
         phase = row[columns["phase"]]
         if phase not in names and len(names) >= _MOST_PHASES:
             raise lines.error(f"more than {_MOST_PHASES} kinds of phases")
         phases.append(names.setdefault(phase, len(names)))
     outcome = json_object(folder / OUTCOME) if (folder / OUTCOME).exists() else {}
-    values = np.frombuffer(cells, float).reshape(-1, len(_NUMBERS)) if cells else np.zeros((0, len(_NUMBERS)))
-    values = np.where(np.isinf(values), np.nan, values)
+    values = np.stack([numbers.column(name, len(numbers)) for name in _NUMBERS], axis=1)
+    id_, d_cm, delta_deg, zone = values[:, 8:].T
     every = list(names)
     started_s = seconds_of(text(outcome.get("started")))
     return RecordedSearch(
@@ -157,10 +163,10 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         values[:, 1:4],
         values[:, 4],
         values[:, 5:8],
-        values[:, 8],
-        values[:, 9],
-        values[:, 10],
-        values[:, 11],
+        id_,
+        d_cm,
+        delta_deg,
+        zone,
         outcome,
         _place(outcome.get("found"), {"id": outcome.get("id"), "sure": outcome.get("outcome") != "not sure"}),
         triple(outcome.get("origin")),
@@ -175,16 +181,14 @@ def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
     north, east = number(found.get("north")), number(found.get("east"))
     if north is None or east is None:
         return None
-    down, covariance = number(found.get("down")), triple(found.get("covariance"))
     id_ = about.get("id")
-    whose = id_ if isinstance(id_, int) and id_ >= 0 else None
     return RecordedPlace(
         north,
         east,
-        down,
-        covariance,
+        number(found.get("down")),
+        triple(found.get("covariance")),
         pair(found.get("lat_lon")),
-        whose,
+        id_ if isinstance(id_, int) and id_ >= 0 else None,
         about.get("sure") is not False,
         triple(found.get("relative_covariance")),
         triple(found.get("earth_covariance")),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from arva_hil.links import LinkError
 from arva_hil.links.tlog import TlogReader
+from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.mavlink.codec import dialect
 from arva_hil.records.reading.lines import RecordingError, mapping, text
 from arva_hil.records.reading.recording import Recording
@@ -42,11 +43,19 @@ class RecordedStream:
 def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
     """Return the messages of a vehicle, the most frequent first. Raises RecordingError: see `packets`."""
     counts: Counter[tuple[int, int]] = Counter()  # by message id and second
-    for time_s, message, _ in packets(recording, vehicle):
-        counts[message, math.floor(time_s)] += 1
+    for came_s, message, _ in packets(recording, vehicle):
+        counts[message, math.floor(came_s)] += 1
         if len(counts) > _MOST:
             raise RecordingError(recording.folder, "the times of its packets are too far apart to be right")
-    return _streams(counts)
+    seconds = sorted({second for _, second in counts})
+    if not seconds or seconds[-1] - seconds[0] > _LONGEST_S:
+        return []
+    time_s = np.arange(seconds[0], seconds[-1] + 1, dtype=float)
+    rows: dict[int, NDArray[np.float64]] = {}
+    for (message, second), count in counts.items():
+        rows.setdefault(message, np.zeros(len(time_s)))[second - seconds[0]] = count
+    found = [RecordedStream(_name(message), time_s, row) for message, row in rows.items()]
+    return sorted(found, key=lambda stream: -float(stream.hz.sum()))
 
 
 def packets(recording: Recording, vehicle: str = "") -> Iterator[tuple[float, int, bytes]]:
@@ -60,14 +69,22 @@ def packets(recording: Recording, vehicle: str = "") -> Iterator[tuple[float, in
     path = recording.folder / Path(text(said.get("tlog")) or TLOG).name
     if not path.exists():
         return
+    start_us = None if recording.log_start_s is None else recording.log_start_s * 1e6
+    for time_us, raw in logged(path):
+        system, component, message = _head(raw)
+        if None in ids or (system, component) == ids:
+            start_us = time_us if start_us is None else start_us
+            yield (time_us - start_us) / 1e6, message, raw
+
+
+def logged(path: Path, *, continuous: bool = False) -> Iterator[tuple[int, bytes]]:
+    """Yield the packets of a log, each with its time [µs since 1970]. Raises RecordingError.
+
+    `continuous`: without the steps of the log's clock.
+    """
     try:
         with closing(TlogReader(path)) as log:
-            start_us = None if recording.log_start_s is None else recording.log_start_s * 1e6
-            for time_us, raw in log:
-                system, component, message = _head(raw)
-                if None in ids or (system, component) == ids:
-                    start_us = time_us if start_us is None else start_us
-                    yield (time_us - start_us) / 1e6, message, raw
+            yield from Timeline(log, stamped=log.stamped) if continuous else log
     except LinkError as error:
         raise RecordingError(path, str(error)) from None
 
@@ -77,22 +94,6 @@ def _head(raw: bytes) -> tuple[int, int, int]:
     if raw[0] == 0xFD:
         return raw[5], raw[6], int.from_bytes(raw[7:10], "little")
     return raw[3], raw[4], raw[5]
-
-
-def _streams(counts: Counter[tuple[int, int]]) -> list[RecordedStream]:
-    seconds = [second for _, second in counts]
-    if not seconds:
-        return []
-    first, last = min(seconds), max(seconds)
-    if last - first > _LONGEST_S:
-        return []
-    rows: dict[int, NDArray[np.float64]] = {}
-    for (message, second), count in counts.items():
-        row = rows.setdefault(message, np.zeros(last - first + 1))
-        row[second - first] = count
-    time_s = np.arange(first, last + 1, dtype=float)
-    found = [RecordedStream(_name(message), time_s, row) for message, row in rows.items()]
-    return sorted(found, key=lambda stream: -float(stream.hz.sum()))
 
 
 def _name(message: int) -> str:

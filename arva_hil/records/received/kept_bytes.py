@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from arva_hil.links import LinkError
-from arva_hil.links.tlog import TlogReader
 from arva_hil.records.reading.lines import Lines, RecordingError, refuse_no_file, table
+from arva_hil.records.reading.streams import logged
 from arva_hil.records.received.receiver_log import AUTOPILOT, RECEIVER, ReceiverLog
 from arva_hil.records.writing.layout import CHUNKS, FRAMES, TLOG
 from arva_hil.runtime.audience import Audience
@@ -49,12 +47,8 @@ def play(kept: Iterator[KeptBytes], log: ReceiverLog, audience: Audience, epoch_
 def _packets(path: Path) -> Iterator[KeptBytes]:
     if not path.exists() or not path.stat().st_size:
         return
-    try:
-        with closing(TlogReader(path)) as log:
-            for time_us, raw in log:
-                yield KeptBytes(time_us, AUTOPILOT, raw)
-    except LinkError as error:
-        raise RecordingError(path, str(error)) from None
+    for time_us, raw in logged(path):
+        yield KeptBytes(time_us, AUTOPILOT, raw)
 
 
 def _chunks(folder: Path) -> Iterator[KeptBytes]:
