@@ -109,8 +109,8 @@ def test_events_are_on_the_clock_of_the_frames_and_the_status_is_apart(read: Rec
         ("pose_lost", 30.0),
     ]
     assert read.events[3]["by"] == "search"
-    assert [round(status["time_s"]) for status in read.status] == list(range(30))
-    assert read.status[0]["vehicles"][0]["rates"] == {"ATTITUDE": 50.0, "GLOBAL_POSITION_INT": 49.5}
+    assert [round(status.time_s) for status in read.status] == list(range(30))
+    assert read.status[0].vehicles[0].rates == {"ATTITUDE": 50.0, "GLOBAL_POSITION_INT": 49.5}
 
 
 def test_a_search_beside_it_is_on_the_same_clock_and_lies_where_it_took_off(read: Recording) -> None:

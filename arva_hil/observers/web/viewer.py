@@ -7,6 +7,7 @@ import contextlib
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +18,6 @@ from arva_hil.events.event_json import event_of
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, VictimNoted, WaitingFor
 from arva_hil.events.words.text import Level, Notice
-from arva_hil.mavlink.codec import Packet
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
@@ -59,8 +59,10 @@ class RecordedState(State):
         self._notices: dict[int, Notice] = {}  # of events, by their identity
         self._news = sorted(self._recorded_events(), key=lambda event: event.time_s)
         self._passed = 0  # of those
-        self._packets = [_Packets(recording, name) for name in dict.fromkeys(r.vehicle for r in recording.receivers)]
-        self._status = sorted(((number(s.get("time_s")) or 0.0, i) for i, s in enumerate(recording.status)))
+        self._receivers_of: dict[str, list[str]] = {}  # by vehicle
+        for receiver in recording.receivers:
+            self._receivers_of.setdefault(receiver.vehicle, []).append(receiver.receiver or ONE[1])
+        self._packets = {vehicle: _health_packets(recording, vehicle) for vehicle in self._receivers_of}
         self._place(-math.inf)
         self._columns: dict[Key, _ReadingTexts | _StepTexts] = {}
         for receiver in recording.receivers:
@@ -83,8 +85,7 @@ class RecordedState(State):
         self._shown_s = time_s
         self._place(time_s)
         now = bisect.bisect_right(self._news, time_s, key=lambda event: event.time_s)
-        packets = itertools.chain.from_iterable(one.until(time_s) for one in self._packets)
-        self.update([*self._news[self._passed : now], *packets, *self._report(time_s)])
+        self.update([*self._news[self._passed : now], *self._report(time_s)])
         self._passed = now
         for key, column in self._columns.items():
             self.put(key, *column.until(time_s))
@@ -149,7 +150,7 @@ class RecordedState(State):
 
     def _place(self, time_s: float) -> None:
         """Put every vehicle's datum of that time on the map."""
-        for vehicle in dict.fromkeys(receiver.vehicle for receiver in self._recording.receivers):
+        for vehicle in self._receivers_of:
             if (datum := self._recording.datum_at(vehicle, time_s)) is not None:
                 self.places.put(vehicle or ONE[0], datum.lat, datum.lon, datum.alt)
 
@@ -165,51 +166,38 @@ class RecordedState(State):
         return offsets
 
     def _report(self, time_s: float) -> Iterator[Event]:
-        """Yield the newest status, with the places of the transmitters."""
-        at = bisect.bisect_right(self._status, time_s, key=lambda pair: pair[0])
-        said = self._recording.status[self._status[at - 1][1]] if at else {}
-        of = {text(one.get("name")): one for one in _objects(said.get("vehicles"))}
-        names: dict[str, list[str]] = {}
-        for receiver in self._recording.receivers:
-            names.setdefault(receiver.vehicle, []).append(receiver.receiver)
+        """Yield the newest packets of each kind, and the newest status with the places of the transmitters."""
+        at = bisect.bisect_right(self._recording.status, time_s, key=lambda report: report.time_s)
+        of = {one.name: one for one in self._recording.status[at - 1].vehicles} if at else {}
         vehicles = []
-        for vehicle, receivers in names.items():
-            one = of.get(vehicle or ONE[0], {})
-            counts = {text(r.get("name")): r for r in _objects(one.get("receivers"))}
+        for vehicle, receivers in self._receivers_of.items():
+            source = None
+            for every in self._packets[vehicle]:
+                if at := bisect.bisect_right(every, time_s, key=lambda one: one[0]):
+                    came_s, raw = every[at - 1]
+                    for packet in PacketReader().feed(raw, came_s):
+                        source = vehicle, packet.system
+                        yield PacketsReceived(came_s, vehicle, [packet])
+            name = vehicle or ONE[0]
+            status = of.get(name, VehicleStatus(name, "", {}, ()))
+            counts = {one.name: one for one in status.receivers}
             moving = self._recording.transmitters(vehicle, time_s)
             there = moving.at(max(0.0, time_s)) if moving else None
-            every = []
-            for name in (receiver or ONE[1] for receiver in receivers):
-                frames, dropped = (int(number(counts.get(name, {}).get(what)) or 0) for what in ("frames", "dropped"))
-                every.append(ReceiverStatus(name, None, frames, dropped, there))
-            rates = {text(key): number(hz) or 0.0 for key, hz in mapping(one.get("rates")).items()}
-            source = next((packets.source for packets in self._packets if packets.vehicle == vehicle), None)
-            vehicles.append(VehicleStatus(vehicle or ONE[0], text(one.get("label")), rates, every, (), source))
+            each = [counts.get(receiver, ReceiverStatus(receiver, None, 0, 0)) for receiver in receivers]
+            shown = [replace(one, transmitters=there) for one in each]
+            vehicles.append(replace(status, receivers=shown, source=source))
         if vehicles:
             yield StatusReport(time_s, vehicles)
 
 
-class _Packets:
-    """The newest packets of a vehicle at any time, from the record's log."""
-
-    def __init__(self, recording: Recording, vehicle: str) -> None:
-        self.vehicle = vehicle
-        self.source: tuple[str, int] | None = None
-        self._by_kind: dict[int, tuple[list[float], list[Packet]]] = {kind: ([], []) for kind in USED}
-        reader = PacketReader()
-        with contextlib.suppress(RecordingError):  # of a log that cannot be read
-            for time_s, kind, raw in packets(recording, vehicle):
-                for packet in reader.feed(raw, time_s) if kind in USED else ():
-                    self.source = vehicle, packet.system
-                    times, every = self._by_kind[kind]
-                    times.append(time_s)
-                    every.append(packet)
-
-    def until(self, time_s: float) -> Iterator[Event]:
-        """Yield the newest packet of each kind."""
-        for times, every in self._by_kind.values():
-            if at := bisect.bisect_right(times, time_s):
-                yield PacketsReceived(times[at - 1], self.vehicle, [every[at - 1]])
+def _health_packets(recording: Recording, vehicle: str) -> list[list[tuple[float, bytes]]]:
+    """Return a vehicle's packets for its health, a list a kind; none of a log that cannot be read."""
+    by_kind: dict[int, list[tuple[float, bytes]]] = {kind: [] for kind in USED}
+    with contextlib.suppress(RecordingError):
+        for time_s, kind, raw in packets(recording, vehicle):
+            if kind in USED:
+                by_kind[kind].append((time_s, raw))
+    return list(by_kind.values())
 
 
 class _ReadingTexts:
@@ -238,10 +226,9 @@ class _ReadingTexts:
 
     def _text(self, i: int) -> str:
         r = self._receiver
-        columns = (r.id, r.zone, r.d_cm, r.delta_deg, r.true_range_m)
         slots = [
             f"[{'null' if id_ == NO_ID else id_},{zone},{d},{delta},{jsons.number(true, 2)}]"
-            for id_, zone, d, delta, true in zip(*(column[r.rows(i)].tolist() for column in columns), strict=True)
+            for id_, zone, d, delta, true in r.slots(i)
         ]
         return jsons.point(
             float(r.time_s[i]),
@@ -283,10 +270,6 @@ def _some(count: int) -> list[int]:
 
 def _key(receiver: RecordedReceiver) -> Key:
     return (receiver.vehicle, receiver.receiver) if receiver.receiver else ONE
-
-
-def _objects(value: object) -> list[Mapping[str, Any]]:
-    return [mapping(one) for one in value] if isinstance(value, list) else []
 
 
 def _event(said: Mapping[str, Any]) -> Event | None:

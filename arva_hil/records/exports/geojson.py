@@ -63,18 +63,9 @@ def _readings(recording: Recording, track: FlightTrack) -> Iterator[dict[str, An
     receiver = track.receiver
     assert receiver is not None
     for n, frame in enumerate(plain_rows(track.rows)):
-        row = receiver.rows(frame)
         lat, lon, alt = track.lla[n].tolist()
         time_s = float(track.time_s[n])
-        slots = zip(
-            receiver.id[row].tolist(),
-            receiver.zone[row].tolist(),
-            receiver.d_cm[row].tolist(),
-            receiver.delta_deg[row].tolist(),
-            receiver.true_range_m[row].tolist(),
-            strict=True,
-        )
-        heard = [
+        heard: list[dict[str, Any]] = [
             {
                 "id": id_,
                 "zone": zone,
@@ -82,7 +73,7 @@ def _readings(recording: Recording, track: FlightTrack) -> Iterator[dict[str, An
                 "delta_deg": delta,
                 "true_range_m": range_m if range_m == range_m else None,
             }
-            for id_, zone, d, delta, range_m in slots
+            for id_, zone, d, delta, range_m in receiver.slots(frame)
             if zone
         ]
         nearest = heard[0]["d_cm"] / 100 if heard else None

@@ -68,14 +68,11 @@ def _readings(recording: Recording, receiver: RecordedReceiver, search: Recorded
         receiver.pose_age_ms[:, None],
         receiver.late_ms[:, None],
     )
-    of_slot = (receiver.id, receiver.zone, receiver.d_cm, receiver.delta_deg, receiver.true_range_m)
     for n, time_s in enumerate(plain_rows(receiver.time_s)):
         numbers = [_plain(value) for column in columns for value in column[n].tolist()]
         head = [moment(recording, time_s), time_s, *names, *numbers, faults[int(receiver.fault_set[n])]]
         tail = _step(search, int(steps[n]) - 1) if search and steps[n] else [""] * _SEARCH
-        rows = receiver.rows(n)
-        slots = zip(*(column[rows].tolist() for column in of_slot), strict=True)
-        for slot, (id_, *values, range_m) in enumerate(slots, 1):
+        for slot, (id_, *values, range_m) in enumerate(receiver.slots(n), 1):
             yield [*head, slot, id_, *values, _plain(range_m), *tail]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from array import array
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,11 +13,13 @@ import numpy as np
 
 from arva_hil.config import Lla, ScenarioError, parse
 from arva_hil.emulator.setup import receivers_of
+from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.records.reading.lines import (
     Lines,
     Numbers,
     RecordingError,
     json_object,
+    mapping,
     number,
     objects,
     seconds_of,
@@ -145,7 +148,7 @@ def load(folder: Path) -> Recording:
         tuple(receivers),
         search,
         tuple(event for event in events if event.get("event") != "status"),
-        tuple(event for event in events if event.get("event") == "status"),
+        tuple(_report(event) for event in events if event.get("event") == "status"),
         start_utc_s if start_utc_s and start_utc_s > _YEAR_2001_S else seconds_of(run.started),
         start_utc_s,
         {receiver.vehicle: _datums(run, receiver.vehicle, events) for receiver in receivers},
@@ -192,6 +195,18 @@ def _events(path: Path) -> tuple[list[dict[str, Any]], list[str]]:
             raise lines.error("expected an object with a time_s")
         events.append({**event, "time_s": time_s})
     return events, lines.note
+
+
+def _report(said: Mapping[str, Any]) -> StatusReport:
+    vehicles = []
+    for vehicle in objects(said.get("vehicles")):
+        rates = {name: number(rate) or 0.0 for name, rate in mapping(vehicle.get("rates")).items()}
+        receivers = []
+        for one in objects(vehicle.get("receivers")):
+            frames, dropped = (int(number(one.get(what)) or 0) for what in ("frames", "dropped"))
+            receivers.append(ReceiverStatus(text(one.get("name")), None, frames, dropped))
+        vehicles.append(VehicleStatus(text(vehicle.get("name")), text(vehicle.get("label")), rates, receivers))
+    return StatusReport(said["time_s"], vehicles)
 
 
 def _start_utc_s(path: Path) -> float | None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
+from arva_hil.events import StatusReport
 from arva_hil.model.field import LocalFrame, MovingTransmitters
 from arva_hil.records.reading.lines import mapping, number, text
 from arva_hil.records.reading.search import RecordedSearch
@@ -67,6 +68,11 @@ class RecordedReceiver:
     def rows(self, frame: int) -> slice:
         """Return the slots of a frame."""
         return slice(*self.begins[frame : frame + 2].tolist())
+
+    def slots(self, frame: int) -> list[tuple[int, int, int, int, float]]:
+        """Return id, zone, d [cm], δ [degrees] and true range [m] of each slot of a frame."""
+        columns = (self.id, self.zone, self.d_cm, self.delta_deg, self.true_range_m)
+        return list(zip(*(column[self.rows(frame)].tolist() for column in columns), strict=True))
 
     @cached_property
     def ids(self) -> tuple[int, ...]:
@@ -167,8 +173,8 @@ class RecordedRun:
 class Recording:
     """A record. `run` is None for the log of a search alone, which has no receivers.
 
-    - `events`, `status`: the objects of events.jsonl, without the status and of the status. Their `time_s` is on the
-      clock of the frames, which is 0 at the start of the run.
+    - `events`, `status`: the objects of events.jsonl without the status, and the status. Their `time_s` is on the clock
+      of the frames, which is 0 at the start of the run.
     - `start_utc_s`: that start in seconds since 1970; None if unknown. `log_start_s`: the same by the logs' clock.
     - `datums`: changes of the datum by vehicle ("" in a record of one receiver).
     - `notes`: unused parts of the files, for a person.
@@ -179,7 +185,7 @@ class Recording:
     receivers: tuple[RecordedReceiver, ...]
     search: RecordedSearch | None
     events: tuple[Event, ...]
-    status: tuple[Event, ...]
+    status: tuple[StatusReport, ...]
     start_utc_s: float | None
     log_start_s: float | None
     datums: Mapping[str, tuple[RecordedDatum, ...]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from arva_hil.config import Scenario
 from arva_hil.events import Event
@@ -16,11 +16,19 @@ class LiveMessages:
     """Makes the messages of all events. `scenario`: of the run; None for a search alone.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0. `searches`: whether there is a search.
+    `receivers`: (vehicle, receiver); default: the scenario's.
     """
 
-    def __init__(self, scenario: Scenario | None, epoch_us: int, *, searches: bool) -> None:
+    def __init__(
+        self,
+        scenario: Scenario | None,
+        epoch_us: int,
+        *,
+        searches: bool,
+        receivers: Sequence[tuple[str, str]] | None = None,
+    ) -> None:
         self._searches = searches
-        self._run = RunMessages(scenario, epoch_us) if scenario else None
+        self._run = RunMessages(scenario, epoch_us, receivers) if scenario or receivers else None
         self._search = SearchMessages(epoch_us)
 
     @property

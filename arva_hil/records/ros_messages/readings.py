@@ -6,7 +6,7 @@ They are made from the events of a live run, or from the rows of a record. Both 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -25,9 +25,7 @@ from arva_hil.records.ros_messages.types import (
     DIAGNOSTICS,
     MAP,
     TF,
-    DiagnosticArray,
     DiagnosticStatus,
-    Header,
     KeyValue,
     Publication,
     header,
@@ -42,23 +40,6 @@ _SHAPES_S: Final = 0.2  # shortest time between two drawings of the shapes
 _STATUS_S: Final = 1.0
 _FIX: Final = ros.NavSatStatus(0, 1)  # a fix, of GPS
 _UNKNOWN: Final = np.zeros(9)
-
-
-class Taken(NamedTuple):
-    """One reading.
-
-    - `stamp_ns`: its instant, since 1970. `instant_s`: its instant, from the start of the run.
-    - `pose`: the receiver's true pose; None if it is not known.
-    - `reported`: the pose by its vehicle's report; None if it is not known.
-    """
-
-    vehicle: str
-    receiver: str
-    stamp_ns: int
-    instant_s: float
-    pose: Pose | None
-    reported: Pose | None
-    channels: Sequence[ChannelReading]
 
 
 class RunMessages:
@@ -83,25 +64,21 @@ class RunMessages:
         self._next_status_ns = 0
         if scenario and isinstance(fixed := scenario.datum, Lla):
             for vehicle, _ in self._names:
-                self.place(vehicle, (fixed.lat, fixed.lon, fixed.alt))
+                self._place(vehicle, LocalFrame(fixed.lat, fixed.lon, fixed.alt))
 
     def of_event(self, event: Event) -> list[Publication]:
         """Return the messages of an event of a live run. Most events have none."""
         if isinstance(event, FrameMade):
-            stamp = stamp_of(self._epoch_us, event.time_s - event.late_s)
-            poses = event.pose, event.reported_pose
-            return self.of_reading(
-                Taken(event.vehicle, event.receiver, stamp, event.instant_s, *poses, event.reading.channels)
-            )
+            return self._of_frame(event)
         if isinstance(event, DatumSet):
-            self.place(event.vehicle, (event.lat, event.lon, event.alt))
+            self._place(event.vehicle, LocalFrame(event.lat, event.lon, event.alt))
         if isinstance(event, StatusReport):
             return self._of_status(event)
         return []
 
-    def place(self, vehicle: str, lla: tuple[float, float, float]) -> None:
-        """Set the vehicle's datum: degrees, degrees, metres AMSL."""
-        self._datums[vehicle] = own = LocalFrame(*lla)
+    def _place(self, vehicle: str, own: LocalFrame) -> None:
+        """Set the vehicle's datum."""
+        self._datums[vehicle] = own
         if self._scenario:
             self._there[vehicle] = moving_transmitters(self._scenario, own)
 
@@ -110,29 +87,29 @@ class RunMessages:
         """The datum of the frame `map`: the one of the first vehicle with a datum."""
         return next(iter(self._datums.values()), None)
 
-    def of_reading(self, taken: Taken) -> list[Publication]:
-        """Return the messages of one reading."""
-        key, stamp = (taken.vehicle, taken.receiver), taken.stamp_ns
+    def _of_frame(self, made: FrameMade) -> list[Publication]:
+        key, stamp = (made.vehicle, made.receiver), stamp_of(self._epoch_us, made.time_s - made.late_s)
         if (names := self._names.get(key)) is None:
             return []
-        there = self._transmitters(taken)
-        directions = _directions(taken.pose, there)
+        moving, datum = self._there.get(made.vehicle), self._datums.get(made.vehicle)
+        there = moving.at(made.instant_s) if moving else None
+        directions = _directions(made.pose, there)
         own, world = header(stamp, names.frame), header(stamp, names.map)
-        slots = [_slot(channel, directions) for channel in taken.channels]
-        made = [Publication(names.arva, stamp, ros.Arva(own, slots))]
+        slots = [_slot(channel, directions) for channel in made.reading.channels]
+        told = [Publication(names.arva, stamp, ros.Arva(own, slots))]
         transforms = []
-        if taken.pose is not None:
-            pose = geometry.pose(taken.pose.position, taken.pose.rotation)
-            made.append(Publication(names.pose, stamp, ros.PoseStamped(world, pose)))
+        if made.pose is not None:
+            pose = geometry.pose(made.pose.position, made.pose.rotation)
+            told.append(Publication(names.pose, stamp, ros.PoseStamped(world, pose)))
             transforms.append(ros.TransformStamped(world, names.frame, geometry.transform(pose)))
-            if datum := self._datums.get(taken.vehicle):
-                lat, lon, alt = map(float, datum.lla(taken.pose.position))
-                made.append(Publication(names.fix, stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
-        if taken.reported is not None and taken.reported is not taken.pose:
-            reported = geometry.pose(taken.reported.position, taken.reported.rotation)
-            made.append(Publication(names.reported_pose, stamp, ros.PoseStamped(world, reported)))
+            if datum:
+                lat, lon, alt = map(float, datum.lla(made.pose.position))
+                told.append(Publication(names.fix, stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
+        if made.reported_pose is not None and made.reported_pose is not made.pose:
+            reported = geometry.pose(made.reported_pose.position, made.reported_pose.rotation)
+            told.append(Publication(names.reported_pose, stamp, ros.PoseStamped(world, reported)))
         if self._may_draw(key, stamp):
-            if names.map != MAP and self.world and (datum := self._datums.get(taken.vehicle)):
+            if names.map != MAP and self.world and datum:
                 there_is = geometry.between(self.world, datum)
                 transforms.append(ros.TransformStamped(header(stamp, MAP), names.map, there_is))
             shapes = self._arrows_of(key, own, slots)
@@ -140,10 +117,10 @@ class RunMessages:
                 pose = geometry.pose(place, rotation)
                 shapes += geometry.transmitter(world, id_, pose)
                 transforms.append(ros.TransformStamped(world, f"{names.transmitter}{id_}", geometry.transform(pose)))
-            made.append(Publication(names.visualization, stamp, ros.MarkerArray(shapes)))
+            told.append(Publication(names.visualization, stamp, ros.MarkerArray(shapes)))
         if transforms:
-            made.insert(0, Publication(TF, stamp, ros.TFMessage(transforms)))
-        return made
+            told.insert(0, Publication(TF, stamp, ros.TFMessage(transforms)))
+        return told
 
     @property
     def topics(self) -> dict[str, type[ros.Message]]:
@@ -159,11 +136,11 @@ class RunMessages:
         if stamp < self._next_status_ns:
             return []
         self._next_status_ns = stamp + round(_STATUS_S * 1e9)
-        return [Publication(DIAGNOSTICS, stamp, diagnostics(report, header(stamp, "")))]
-
-    def _transmitters(self, taken: Taken) -> Transmitters | None:
-        there = self._there.get(taken.vehicle)
-        return None if there is None else there.at(taken.instant_s)
+        status = []
+        for vehicle in report.vehicles:
+            status.append(_of_vehicle(vehicle))
+            status += [_of_receiver(vehicle.name, receiver) for receiver in vehicle.receivers]
+        return [Publication(DIAGNOSTICS, stamp, ros.DiagnosticArray(header(stamp, ""), status))]
 
     def _arrows_of(self, key: tuple[str, str], own: ros.Header, slots: Sequence[ros.ArvaData]) -> list[ros.Marker]:
         """Return an arrow for each slot with a direction. Other arrows are removed."""
@@ -205,15 +182,6 @@ def _slot(channel: ChannelReading, directions: dict[int, ros.Vector3]) -> ros.Ar
 
 _OK, _WARNING, _STALE = 0, 1, 3
 _PROGRAM: Final = "arva-hil"
-
-
-def diagnostics(report: StatusReport, header: Header) -> DiagnosticArray:
-    """Return the diagnostics of a report."""
-    status = []
-    for vehicle in report.vehicles:
-        status.append(_of_vehicle(vehicle))
-        status += [_of_receiver(vehicle.name, receiver) for receiver in vehicle.receivers]
-    return DiagnosticArray(header, status)
 
 
 def _of_vehicle(vehicle: VehicleStatus) -> DiagnosticStatus:

@@ -47,7 +47,7 @@ def made(pose: Pose | None = NORTHWARDS, *channels: ChannelReading, time_s: floa
 
 def messages(scenario: Scenario = DEFAULT) -> RunMessages:
     made = RunMessages(scenario, EPOCH_US)
-    made.place("vehicle", HOME)
+    made.of_event(DatumSet(0.0, "vehicle", *HOME, ()))
     return made
 
 
