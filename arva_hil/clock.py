@@ -24,8 +24,11 @@ _SELECT_MAX = 1024  # select accepts only descriptors below this
 class Waitable(Protocol):
     """An object that a clock can wait for, such as a `Link`."""
 
-    def fileno(self) -> int | None: ...
-    def ready(self) -> bool: ...
+    def fileno(self) -> int | None:
+        """Return a descriptor to wait on; None if there is none, and `ready` must be polled."""
+
+    def ready(self) -> bool:
+        """Return True if there are bytes to read."""
 
 
 def any_ready(links: Iterable[Waitable]) -> bool:

@@ -4,95 +4,92 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum, auto
+from enum import Enum
 from typing import Any, Literal, NamedTuple
 
-
-class Why(Enum):
-    """The kinds of a `Reason`. A comment names the values that belong to a kind."""
-
-    # The datum has changed.
-    HOME_CAME = auto()
-    HOME_MOVED = auto()
-    HOME_AFTER_LANDING = auto()
-    POSITION_JUMPED = auto()
-    REBOOTED = auto()
-
-    # A mission has ended.
-    FOUND = auto()
-    NOT_SURE = auto()
-    TIME_UP = auto()  # limit_s; found, wanted, more: numbers of transmitters
-    STRIPS_FLOWN = auto()  # `heard`, `twice`, `team`: booleans; found, wanted, more
-    ON_THE_GROUND = auto()
-    SENSORS_DISAGREE = auto()  # pairs: of (source, m, source, m)
-    TOO_LOW = auto()  # metres
-    TOO_FAR = auto()  # metres
-    STRATEGY_FAILED = auto()  # text: of the error
-    NO_FRAME = auto()  # seconds
-    SAME_READING = auto()
-
-    # A search does not begin, or ends on the ground.
-    INTERRUPTED = auto()
-    NO_END = auto()
-    ERROR = auto()  # text: of the error
-    NO_AUTOPILOT = auto()  # `heard`: a NoVehicle
-    MODE_SET_BY_PROGRAM = auto()
-    ARMED_ALREADY = auto()
-    RECEIVER_AWAY = auto()  # text: of the link
-    RECEIVER_SILENT = auto()  # link, age_s, repeated: a sequence number, first_bytes
-    NO_POSE = auto()  # lacking: a NoPose
-    CANNOT_TAKE_OVER = auto()  # because
-    BATTERY_LOW_BEFORE = auto()
-    BATTERY_UNKNOWN_BEFORE = auto()
-    PORT_SHARED = auto()  # port, readers
-    BEYOND_FENCE = auto()  # area: or the height; parameter, metres, needed_m
-    NOBODY_ASKED = auto()  # label
-    ANSWER_NO = auto()  # label
-    ANSWER_LATE = auto()  # label, seconds
-    OTHER_SEARCH = auto()  # name, flies
-    WOULD_FLY = auto()
-    WOULD_END = auto()  # because
-
-    # A vehicle cannot be taken over.
-    HOME_UNKNOWN = auto()
-    NOT_ARMED = auto()
-    IN_MODE = auto()  # mode
-    NEAR_HOME = auto()  # height_m, least_m
-    MOVES = auto()  # speed
-    JUST_STOPPED = auto()
-
-    # A flight ends early.
-    POSE_LOST = auto()  # seconds, lacking: a NoPose
-    NOT_FOLLOWED = auto()  # seconds, ordered_m, flown_m, off_deg: None if it hardly moves
-    BLOCKED_BELOW = auto()
-    AUTOPILOT_SILENT = auto()
-    STILL_ARMED = auto()  # because
-    GOES_ON_LANDING = auto()
-    LEFT_ALONE = auto()  # parameters, px4, remote
-    OTHER_IDS = auto()  # vehicle, other
-    CLOCK_AHEAD = auto()  # seconds
-    CLOCK_BACK = auto()
-    PLACE_JUMPED = auto()  # metres
-
-    # The commander has lost the vehicle, or gives it up.
-    MODE_UNKNOWN = auto()  # seconds
-    NO_RADIO = auto()
-    NOT_DONE = auto()  # phase, because
-    NO_EXPLANATION = auto()
-    UNDER_ANOTHER = auto()
-    NO_FRAMES_YET = auto()
-    ARMED_BY_OTHER = auto()  # mode
-    DISARMED = auto()  # mode
-    NOT_TAKEN_OVER = auto()
-    MODE_TAKEN = auto()  # mode, stalled_s: without set-points before
-    PILOT_HAS_IT = auto()  # mode
-    CHANNEL_MOVED = auto()  # channel, by_us
-    AXIS_MOVED = auto()  # axis, by_us
-    BATTERY_LOW = auto()
-    BATTERY_ILL = auto()
-    ORDER_REFUSED = auto()  # order, result
-    AUTOPILOT_SAID = auto()  # text
-    SENSORS_ILL = auto()  # sensors
+Why = Enum(
+    "Why",
+    [
+        # The datum has changed.
+        "HOME_CAME",
+        "HOME_MOVED",
+        "HOME_AFTER_LANDING",
+        "POSITION_JUMPED",
+        "REBOOTED",
+        # A mission has ended.
+        "FOUND",
+        "NOT_SURE",
+        "TIME_UP",  # limit_s; found, wanted, more: numbers of transmitters
+        "STRIPS_FLOWN",  # `heard`, `twice`, `team`: booleans; found, wanted, more
+        "ON_THE_GROUND",
+        "SENSORS_DISAGREE",  # pairs: of (source, m, source, m)
+        "TOO_LOW",  # metres
+        "TOO_FAR",  # metres
+        "STRATEGY_FAILED",  # text: of the error
+        "NO_FRAME",  # seconds
+        "SAME_READING",
+        # A search does not begin, or ends on the ground.
+        "INTERRUPTED",
+        "NO_END",
+        "ERROR",  # text: of the error
+        "NO_AUTOPILOT",  # `heard`: a NoVehicle
+        "MODE_SET_BY_PROGRAM",
+        "ARMED_ALREADY",
+        "RECEIVER_AWAY",  # text: of the link
+        "RECEIVER_SILENT",  # link, age_s, repeated: a sequence number, first_bytes
+        "NO_POSE",  # lacking: a NoPose
+        "CANNOT_TAKE_OVER",  # because
+        "BATTERY_LOW_BEFORE",
+        "BATTERY_UNKNOWN_BEFORE",
+        "PORT_SHARED",  # port, readers
+        "BEYOND_FENCE",  # area: or the height; parameter, metres, needed_m
+        "NOBODY_ASKED",  # label
+        "ANSWER_NO",  # label
+        "ANSWER_LATE",  # label, seconds
+        "OTHER_SEARCH",  # name, flies
+        "WOULD_FLY",
+        "WOULD_END",  # because
+        # A vehicle cannot be taken over.
+        "HOME_UNKNOWN",
+        "NOT_ARMED",
+        "IN_MODE",  # mode
+        "NEAR_HOME",  # height_m, least_m
+        "MOVES",  # speed
+        "JUST_STOPPED",
+        # A flight ends early.
+        "POSE_LOST",  # seconds, lacking: a NoPose
+        "NOT_FOLLOWED",  # seconds, ordered_m, flown_m, off_deg: None if it hardly moves
+        "BLOCKED_BELOW",
+        "AUTOPILOT_SILENT",
+        "STILL_ARMED",  # because
+        "GOES_ON_LANDING",
+        "LEFT_ALONE",  # parameters, px4, remote
+        "OTHER_IDS",  # vehicle, other
+        "CLOCK_AHEAD",  # seconds
+        "CLOCK_BACK",
+        "PLACE_JUMPED",  # metres
+        # The commander has lost the vehicle, or gives it up.
+        "MODE_UNKNOWN",  # seconds
+        "NO_RADIO",
+        "NOT_DONE",  # phase, because
+        "NO_EXPLANATION",
+        "UNDER_ANOTHER",
+        "NO_FRAMES_YET",
+        "ARMED_BY_OTHER",  # mode
+        "DISARMED",  # mode
+        "NOT_TAKEN_OVER",
+        "MODE_TAKEN",  # mode, stalled_s: without set-points before
+        "PILOT_HAS_IT",  # mode
+        "CHANNEL_MOVED",  # channel, by_us
+        "AXIS_MOVED",  # axis, by_us
+        "BATTERY_LOW",
+        "BATTERY_ILL",
+        "ORDER_REFUSED",  # order, result
+        "AUTOPILOT_SAID",  # text
+        "SENSORS_ILL",  # sensors
+    ],
+)
+"""The kinds of a `Reason`. A comment names the values that belong to a kind."""
 
 
 @dataclass(frozen=True)

@@ -172,8 +172,7 @@ class EndOfStream(ArvaError, ConnectionError):
 class StreamLink(Link):
     """A byte stream. If the system accepted a part of a write, remembers the rest and sends it before the next write.
 
-    A subclass has `_receive`, `_send` and `_shut`. They raise BlockingIOError for "not now" and any other OSError
-    for "lost"; `_receive` returns b"" if the far end has closed.
+    `_receive` and `_send` of a subclass raise BlockingIOError for "not now" and any other OSError for "lost".
     """
 
     hint = ""  # the cure when this kind of link is lost
@@ -184,13 +183,16 @@ class StreamLink(Link):
         self._rest = b""
 
     @abstractmethod
-    def _receive(self) -> bytes: ...
+    def _receive(self) -> bytes:
+        """Return the next bytes; b"" if the far end has closed."""
 
     @abstractmethod
-    def _send(self, data: bytes) -> int: ...
+    def _send(self, data: bytes) -> int:
+        """Send some of the bytes. Returns their number."""
 
     @abstractmethod
-    def _shut(self) -> None: ...
+    def _shut(self) -> None:
+        """Close the stream."""
 
     def read(self) -> bytes:
         self._check_open()

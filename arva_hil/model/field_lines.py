@@ -35,9 +35,8 @@ def field_lines(transmitters: Transmitters, down_m: float, kappa_eq: float) -> l
     """
     lines = []
     for i, id_ in enumerate(transmitters.ids[:MOST]):
-        if id_ in transmitters.unplaced or not transmitters.strengths[i] > 0:
-            continue
-        if not np.isfinite(transmitters.positions[i]).all():
+        sends = id_ not in transmitters.unplaced and transmitters.strengths[i] > 0
+        if not sends or not np.isfinite(transmitters.positions[i]).all():
             continue
         one = Transmitters(
             (id_,),

@@ -91,23 +91,32 @@ class Engine(Protocol):
     """The calls that `Live` needs. `Emulator` explains them."""
 
     @property
-    def options(self) -> EngineOptions: ...
+    def options(self) -> EngineOptions:
+        """See `EngineOptions`."""
 
-    def receive(self, link: str, data: bytes, now: float, sender: Hashable = None) -> Addressees: ...
+    def receive(self, link: str, data: bytes, now: float, sender: Hashable = None) -> Addressees:
+        """Use bytes that came on a link."""
 
-    def advance(self, now: float) -> None: ...
+    def advance(self, now: float) -> None:
+        """Do everything that is due."""
 
-    def output(self) -> list[Output]: ...
+    def output(self) -> list[Output]:
+        """Return the outputs to write."""
 
-    def written(self, output: int, accepted: bool, now: float) -> None: ...
+    def written(self, output: int, accepted: bool, now: float) -> None:
+        """Handle a written output."""
 
-    def events(self) -> Sequence[Event]: ...
+    def events(self) -> Sequence[Event]:
+        """Return the events since the last call."""
 
-    def next_deadline(self) -> float: ...
+    def next_deadline(self) -> float:
+        """Return the latest time for the next call of `advance`."""
 
-    def link_lost(self, link: str, why: str, now: float) -> None: ...
+    def link_lost(self, link: str, why: str, now: float) -> None:
+        """Handle a lost link."""
 
-    def link_back(self, link: str, now: float) -> None: ...
+    def link_back(self, link: str, now: float) -> None:
+        """Handle a link that is back."""
 
 
 class Live:

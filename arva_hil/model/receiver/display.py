@@ -9,9 +9,7 @@ from typing import Final
 
 from arva_hil.model.receiver.paper import near, output
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
-from arva_hil.model.receiver.reading import Zone
-from arva_hil.model.receiver.separation import Vector
-from arva_hil.model.receiver.track import Shown
+from arva_hil.model.receiver.reading import Vector, Zone
 
 _LARGEST_CM: Final = {"digits": 9900, "cm": 32767}  # two digits; what frames can carry
 
@@ -37,6 +35,16 @@ class DisplayLaw:
         low, high = self.field_na_m[after - 1], self.field_na_m[after]
         share = math.log(field_na_m / low) / math.log(high / low)
         return self.d_m[after - 1] * math.exp(share * math.log(self.d_m[after] / self.d_m[after - 1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """The values of one pulse: those of the display, and the signed signal of the antennas [nA/m]."""
+
+    zone: int
+    d_cm: int
+    delta_deg: int
+    signal_na_m: Vector
 
 
 class Display:

@@ -1,25 +1,119 @@
-"""The common part of receivers that listen to pulses: the ends of pulses, and their signals at the antennas."""
+"""The common part of receivers that listen to pulses: the ends of pulses, and their signals at the antennas.
+
+Overlapping pulses are one event. If their carriers differ by less than one over the length of a pulse, they merge into
+a vector sum, which belongs to the pulse that began first. Otherwise one is received if it is 6 dB stronger; if none is,
+both are lost.
+"""
 
 from __future__ import annotations
 
+import cmath
 import math
-from typing import ClassVar, Final, Self
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
-from arva_hil.model.field.dipole import Transmitters, one_field
+from arva_hil.model.field.dipole import one_field
 from arva_hil.model.field.keying import KEYING_CLASSES, Keying, draw_keying
 from arva_hil.model.field.medium import AIR
 from arva_hil.model.field.pulse_timeline import PulseTimeline, SentPulse
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.paper import FEW, FLOOR_RANGE_M, noise_bound
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
+from arva_hil.model.receiver.reading import Vector
 from arva_hil.model.receiver.receiver_model import Impairment, Look, ReceiverSettings
-from arva_hil.model.receiver.separation import Signals, Vector
 
 _IDLE_S: Final = 1.0  # the longest time between two samples
 _BATCH: Final = 256
 _SOUND: Final = Impairment()
+
+Signals = Callable[[int], Vector]
+"""The signal of each transmitter's full pulse at the antennas, by its index."""
+
+_CAPTURE: Final = 0.5  # 6 dB: a weaker signal above this share of the strongest one is not suppressed
+
+
+class SeparatedPulse(NamedTuple):
+    """A received pulse: its start, the offset of its carrier [Hz], its signal. `touched`: others disturb it."""
+
+    start_s: float
+    carrier_hz: float
+    signal: Vector
+    touched: bool
+
+
+class _Part(NamedTuple):
+    start_s: float
+    pulse_s: float
+    carrier_hz: float
+    signal: Vector
+
+    @property
+    def strength(self) -> float:
+        return math.hypot(*self.signal)
+
+
+def separate(sent: SentPulse, signals: Signals, keyings: Sequence[Keying], random: Random) -> SeparatedPulse | None:
+    """Return the event of a pulse; None if it is lost.
+
+    `random`: for the phases between carriers.
+    """
+    pulse = sent.pulse
+    keying = keyings[pulse.sender]
+    own = _Part(pulse.start_s, keying.pulse_s, keying.carrier_hz, _times(signals(pulse.sender), pulse.amplitude))
+    rivals = [
+        _Part(
+            other.start_s,
+            keyings[other.sender].pulse_s,
+            keyings[other.sender].carrier_hz,
+            _times(signals(other.sender), other.amplitude),
+        )
+        for other in sent.touching
+    ]
+    in_pulse = {other.sender for other in sent.touching}
+    rivals += [
+        _Part(pulse.start_s, keying.pulse_s, other.carrier_hz, _times(signals(index), other.leak))
+        for index, other in enumerate(keyings)
+        if other.leak_db is not None and index != pulse.sender and index not in in_pulse and pulse.end_s > other.from_s
+    ]
+    if not rivals:
+        return SeparatedPulse(own.start_s, own.carrier_hz, own.signal, False)
+    parts = [one for one in (own, *rivals) if _merge(own, one)]
+    total = _sum(parts, random) if len(parts) > 1 else own.signal
+    strength = math.hypot(*total)
+    if any(one.strength > _CAPTURE * strength for one in rivals if not _merge(own, one)):
+        return None
+    loudest = max(one.strength for one in parts)
+    told = [one for one in parts if one.strength > _CAPTURE * loudest] or parts
+    if min(told, key=lambda one: one.start_s) is not own:
+        return None
+    weight = sum(one.strength for one in told) or 1.0
+    carrier_hz = sum(one.carrier_hz * one.strength for one in told) / weight if len(told) > 1 else own.carrier_hz
+    return SeparatedPulse(own.start_s, carrier_hz, total, len(told) > 1)
+
+
+def _merge(one: _Part, other: _Part) -> bool:
+    """Return True if the pulses are too short to distinguish their carriers."""
+    return abs(one.carrier_hz - other.carrier_hz) * min(one.pulse_s, other.pulse_s) < 1
+
+
+def _times(signal: Vector, factor: float) -> Vector:
+    x, y, z = signal
+    return x * factor, y * factor, z * factor
+
+
+def _sum(parts: Sequence[_Part], random: Random) -> Vector:
+    """Return the sum with random phases, in phase with the strongest antenna."""
+    sums = [complex(value) for value in parts[0].signal]
+    for part in parts[1:]:
+        turn = cmath.rect(1.0, math.tau * random.random())
+        sums = [total + turn * value for total, value in zip(sums, part.signal, strict=True)]
+    strongest = max(sums, key=abs)
+    back = strongest.conjugate() / abs(strongest) if strongest else 1.0
+    x, y, z = ((total * back).real for total in sums)
+    return x, y, z
 
 
 class NoiseDraws:
@@ -80,7 +174,9 @@ class Listening:
         if look.transmitters.keyings == self._given:
             return False
         self._given = look.transmitters.keyings
-        self.keyings = self._given or _keyings(look.transmitters)
+        self.keyings = self._given or tuple(
+            draw_keying(KEYING_CLASSES["modern"], 0, id_) for id_ in look.transmitters.ids
+        )
         self._of_carrier = [self._options.carrier_gain(keying.carrier_hz) for keying in self.keyings]
         self._timeline = PulseTimeline(self.keyings, look.time_s)
         return True
@@ -158,8 +254,3 @@ class ListeningReceiver:
     def next_look(self, after_s: float, frame_s: float) -> float:
         """See `ReceiverModel`: when a pulse ends."""
         return self._listening.next_look(after_s)
-
-
-def _keyings(there: Transmitters) -> tuple[Keying, ...]:
-    """Return the keyings of transmitters without one: those of modern sets."""
-    return tuple(draw_keying(KEYING_CLASSES["modern"], 0, id_) for id_ in there.ids)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Literal, Self, get_args
 
 import numpy as np
@@ -92,6 +93,16 @@ class Antennas:
     kappa_eq: float = 1.542  # mean of √(1 + 3cos²θ) over a circle
     floor_range_m: float = FLOOR_RANGE_M  # the noise is at most the reference transmitter's field at this distance
     noise: NoiseKind = "uniform"
+
+    @cached_property
+    def scale(self) -> float:
+        """The d [m] of a field of 1."""
+        return math.cbrt(self.kappa_eq / (4 * math.pi))
+
+    @cached_property
+    def near(self) -> float:
+        """The weakest field of the inner zone."""
+        return near(self.kappa_eq, INNER_M)
 
     def __post_init__(self) -> None:
         try:
@@ -198,16 +209,11 @@ class PaperReceiver:
     ) -> None:
         if channels < 1:
             raise ValueError(f"{channels} channels: expected 1 or more")
-        self._kappa_eq = antennas.kappa_eq
-        self._scale = math.cbrt(antennas.kappa_eq / (4 * math.pi))
-        self._near = near(antennas.kappa_eq, INNER_M)
-        self._sensitivity = antennas.sensitivity
-        self._q = np.array(antennas.sensitivity)
+        self._antennas = antennas
         bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
         self._limit = noise_bound(antennas.sensitivity, FLOOR_RANGE_M)
         self._may_interfere = bound > self._limit
-        self._nothing = (None, Zone.OUTER, *no_signal)  # of an empty slot
-        self._channels = channels
+        self._usual = (ChannelReading(None, Zone.OUTER, *no_signal, None),) * channels  # empty slots
         self._noise = NoiseSource(antennas.noise, bound, seed)
         self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # for interference
         self._heard: list[_Heard] = []  # at the last sample
@@ -245,7 +251,7 @@ class PaperReceiver:
         ]
         if free := len(self._empty) - len(shown):
             hidden = sorted(ranges.values())[:free]
-            shown += [ChannelReading(*self._nothing, metres) for metres in hidden]
+            shown += [self._usual[0]._replace(true_range_m=metres) for metres in hidden]
             shown += self._empty[len(shown) :]
         self._reading = Reading(tuple(shown), interference, len(heard) > len(shown))
 
@@ -266,18 +272,19 @@ class PaperReceiver:
 
     def _hear(self, look: Look, pose: Pose, w: list[list[float]]) -> tuple[list[_Heard], dict[int, float]]:
         """Return the received transmitters, and the true ranges of all transmitters by id."""
-        t = look.transmitters
+        t, antennas = look.transmitters, self._antennas
         if len(t.ids) > FEW or t.medium is not AIR or look.impairment is not None:
-            h_r = receive(t.field_at(pose.position), pose.rotation, self._q, np.array(w))
+            h_r = receive(t.field_at(pose.position), pose.rotation, np.array(antennas.sensitivity), np.array(w))
             if look.impairment is not None:
                 h_r = self._impaired(h_r, look.impairment)
-            columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
+            columns = (column.tolist() for column in outputs(h_r, antennas.kappa_eq))
             every = zip(t.ids, *columns, strict=True)
             return [(d_cm, id_, delta, zone) for id_, d_cm, delta, zone in every if zone], t.ranges(pose.position)
         heard, ranges = [], {}
         north, east, down = pose.position.tolist()
         (nx, ny, nz), (ex, ey, ez), (dx, dy, dz) = pose.rotation.tolist()
-        qx, qy, qz = self._sensitivity
+        qx, qy, qz = antennas.sensitivity
+        scale, near = antennas.scale, antennas.near
         for id_, (pn, pe, pd, *moment), (wn, we, wd) in zip(t.ids, t.dipoles, w, strict=True):
             metres, hn, he, hd = one_field(north - pn, east - pe, down - pd, *moment)
             if id_ not in t.unplaced:
@@ -287,7 +294,7 @@ class PaperReceiver:
                 hn * ny + he * ey + hd * dy + qy * (wn * ny + we * ey + wd * dy),
                 hn * nz + he * ez + hd * dz + qz * (wn * nz + we * ez + wd * dz),
             )
-            if one := output(signal, self._scale, self._near, INNER_M, MID_M):
+            if one := output(signal, scale, near, INNER_M, MID_M):
                 d_cm, delta, zone = one
                 heard.append((d_cm, id_, delta, zone))
         return heard, ranges
@@ -301,11 +308,8 @@ class PaperReceiver:
     def _start(self) -> None:
         self._marked: set[int] = set()
         self._selected: int | None = None
-        self._empty = self._empty_slots(self._channels)
+        self._empty = self._usual
         self._reading = Reading(self._empty, False, False)
-
-    def _empty_slots(self, count: int) -> tuple[ChannelReading, ...]:
-        return (ChannelReading(*self._nothing, None),) * count
 
     def _wanted(self, heard: list[_Heard]) -> list[_Heard]:
         """Return the transmitters for the frame: those without a mark, or only the selected one."""
@@ -337,5 +341,5 @@ class PaperReceiver:
     def _set_channels(self, count: int) -> bool:
         if not 1 <= count <= 16:
             return False
-        self._empty = self._empty_slots(count)
+        self._empty = self._usual[:1] * count
         return True

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
+Vector = tuple[float, float, float]
+"""A signal at the three antennas, signed."""
+
 
 class Zone(IntEnum):
     """The zone of a transmitter. OUTER, without a signal, is false."""

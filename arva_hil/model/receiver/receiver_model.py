@@ -79,42 +79,51 @@ def obey(commands: Commands, name: str, values: Sequence[float]) -> Answer:
 
 
 class NoiseSettings(Protocol):
-    """The noise of a scenario's receiver.
-
-    `kind`: uniform, gaussian or off. `floor_range_m`: the noise is at most as strong as the reference transmitter at
-    this distance.
-    """
+    """The noise of a scenario's receiver."""
 
     @property
-    def kind(self) -> Literal["uniform", "gaussian", "off"]: ...
+    def kind(self) -> Literal["uniform", "gaussian", "off"]:
+        """The distribution of its magnitude."""
+
     @property
-    def floor_range_m(self) -> float: ...
+    def floor_range_m(self) -> float:
+        """The noise is at most as strong as the reference transmitter at this distance."""
 
 
 class ReceiverSettings(Protocol):
-    """The settings of a receiver in the scenario, for its model.
-
-    `channels`: number of slots; `rate_hz`: of frames; `kappa_eq`, `sensitivity`, `noise`: see `Antennas`; `no_signal`:
-    (d, δ) of an empty slot; `display`: its `table` is a `DisplayLaw`, None without an own law; `options`:
-    the model's `Options`, or None.
-    """
+    """The settings of a receiver in the scenario, for its model."""
 
     @property
-    def channels(self) -> int: ...
+    def channels(self) -> int:
+        """Number of slots."""
+
     @property
-    def rate_hz(self) -> float: ...
+    def rate_hz(self) -> float:
+        """Of frames."""
+
     @property
-    def kappa_eq(self) -> float: ...
+    def kappa_eq(self) -> float:
+        """See `Antennas`."""
+
     @property
-    def sensitivity(self) -> tuple[float, float, float]: ...
+    def sensitivity(self) -> tuple[float, float, float]:
+        """See `Antennas`."""
+
     @property
-    def noise(self) -> NoiseSettings: ...
+    def noise(self) -> NoiseSettings:
+        """See `Antennas`."""
+
     @property
-    def no_signal(self) -> tuple[int, int]: ...
+    def no_signal(self) -> tuple[int, int]:
+        """(d, δ) of an empty slot."""
+
     @property
-    def display(self) -> Any: ...
+    def display(self) -> Any:
+        """Its `table` is a `DisplayLaw`; None without an own law."""
+
     @property
-    def options(self) -> Any: ...
+    def options(self) -> Any:
+        """The model's `Options`, or None."""
 
 
 class ReceiverModel(Protocol):

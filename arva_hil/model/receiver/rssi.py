@@ -10,11 +10,10 @@ from typing import Annotated, Final, Literal
 from annotated_types import Gt
 
 from arva_hil.model.field.pulse_timeline import SentPulse
-from arva_hil.model.receiver.listening import ListeningReceiver
+from arva_hil.model.receiver.listening import ListeningReceiver, Signals
 from arva_hil.model.receiver.pulsed_options import Frames, PulsedOptions, Steps
 from arva_hil.model.receiver.reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
 from arva_hil.model.receiver.receiver_model import Answer, Look, ReceiverSettings, obey
-from arva_hil.model.receiver.separation import Signals
 
 _HOLD_S: Final = 1.5
 
