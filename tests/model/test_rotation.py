@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field import rotation
-from arva_hil.model.field.rotation import Mount, from_euler, to_euler, to_matrix
+from arva_hil.model.field.rotation import from_euler, to_euler, to_matrix
 
 N = 10_000
 ANGLE = st.floats(-10, 10)
@@ -28,13 +28,6 @@ def scipy_of(q: np.ndarray) -> Rotation:
 def test_matrices_agree_with_scipy() -> None:
     q = quaternions(1)
     np.testing.assert_allclose(to_matrix(q), scipy_of(q).as_matrix(), rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("aside", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.3)])
-def test_the_place_of_a_mount_is_the_one_of_its_pose(aside: tuple[float, float, float]) -> None:
-    mount = Mount(aside, (0.0, 1.0, 0.0, 0.0))
-    for q in quaternions(3, 5):
-        at = np.array([5.0, -6.0, 7.0])
 
 
 def test_the_order_is_w_first_and_the_matrix_takes_body_to_world() -> None:
