@@ -369,9 +369,12 @@ def test_the_height_reference_moves_with_an_altitude_that_jumps() -> None:
     assert (event.sensor, event.value_m - event.other_m) == ("altitude", pytest.approx(5.0, abs=0.3))
 
 
-def test_a_rangefinder_that_drifts_is_found_by_hovering_and_ends_the_search() -> None:
-    report = sensors.Flight(sensors.Lie("rangefinder", "drift", 0.05, 10.0), limit_s=90.0).report()
+@pytest.mark.parametrize(("m_s", "from_s"), [(0.02, 10.0), (0.05, 10.0), (0.2, 0.0)])
+def test_a_rangefinder_that_drifts_is_found_by_hovering_and_ends_the_search(m_s: float, from_s: float) -> None:
+    lie = sensors.Lie("rangefinder", "drift", m_s, from_s)
+    report = sensors.Flight(lie, strategy="flux", limit_s=150.0).report()
     assert not report.fault
+    assert report.lowest > 2.0
     assert report.how.startswith("the rangefinder says")
 
 

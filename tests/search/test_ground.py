@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -386,7 +387,7 @@ def test_without_reports_it_climbs_back_to_the_take_off_height(report: Callable[
 @pytest.mark.parametrize("fall", [0.4, 0.8, -0.8])
 def test_with_a_rangefinder_it_flies_no_faster_than_it_can_follow_the_ground(fall: float) -> None:
     slope = Slope(fall, reach_m=7.0)
-    clear = slope.fly(60)
+    clear = slope.fly(75)
     assert min(clear) > 1.2  # of a slope that rises faster than it climbs
     assert max(clear) < 6.0
     assert abs(slope.north) > 30.0
@@ -702,19 +703,49 @@ def test_it_flies_on_only_while_the_height_is_sure() -> None:
     assert keeper.pace == 1.0
 
 
-def test_a_rangefinder_that_drifts_is_found_although_the_vehicle_could_sink_as_fast() -> None:
-    check, keeper = RangeCheck(0.9), HeightKeeper(3.0, ignored)
-    height, flown, speed = 3.0, 0.0, 0.5
-    for n in range(600):
-        time_s, climbed = 0.1 * n, height - 3.0
-        shown = height + 0.1 * time_s
-        lowest = check.height(Odometry(time_s, climbed, flown, speed, (flown, 0.0)), shown, shown, height + 0.9)
+@pytest.mark.parametrize("noise_m", [0.0, 0.3])
+@pytest.mark.parametrize("fall", [0.0, 0.3])
+@pytest.mark.parametrize("rate", [0.02, 0.025, 0.05, 0.1, 0.2, 0.3, 0.44, 0.5])
+def test_a_rangefinder_that_drifts_is_found_above_half_the_height(rate: float, fall: float, noise_m: float) -> None:
+    """Level ground for 50 s, then ground that falls by `fall` m a metre; the lie begins at any time of that."""
+    for from_s in (0.0, 30.0, 55.0, 70.0):
+        check, keeper, noise = RangeCheck(0.9), HeightKeeper(3.0, ignored), random.Random(1)
+        above = highest = 3.0
+        flown, speed, found, pressed = 0.0, 0.5, False, 0.0
+        for n in range(2500):
+            time_s, ground = 0.1 * n, -fall * max(0.0, flown - 25.0)
+            shown = above - ground + rate * max(0.0, time_s - from_s)
+            pressed += (noise.gauss(0.0, noise_m) - pressed) * 0.1
+            highest = max(highest, above + pressed - shown)
+            motion = Odometry(time_s, above - 3.0, flown, speed, (flown, 0.0))
+            lowest = check.height(motion, shown, shown, above + pressed - highest)
+            assert lowest is not None
+            assert above - ground > 1.5, f"lie from {from_s} s"
+            found = found or bool(check.deviation(time_s))
+            if found:
+                break
+            above -= 0.1 * keeper.velocity(time_s, Height(lowest, True, still=check.drift.still))
+            speed = 0.5 * keeper.pace
+            flown += 0.1 * speed
+        assert found, f"lie from {from_s} s"
+
+
+@pytest.mark.parametrize("fall", [0.1, 0.3, 0.5])
+def test_a_true_rangefinder_above_falling_ground_is_not_called_drifting(fall: float) -> None:
+    check, keeper, noise = RangeCheck(0.9), HeightKeeper(3.0, ignored), random.Random(1)
+    above, flown, speed = 3.0, 0.0, 0.0
+    for n in range(3000):
+        time_s, ground = 0.1 * n, -fall * flown
+        shown = round(above - ground + noise.gauss(0.0, 0.01), 2)
+        motion = Odometry(time_s, above - 3.0, flown, speed, (flown, 0.0))
+        lowest = check.height(motion, shown, shown, above)
         assert lowest is not None
-        height -= 0.1 * keeper.velocity(time_s, Height(lowest, True, still=check.still))
-        speed = 0.5 * keeper.pace
+        assert check.deviation(time_s) is None
+        assert above - ground < 6.0
+        above -= 0.1 * keeper.velocity(time_s, Height(lowest, True, still=check.drift.still))
+        speed += (keeper.pace - speed) * 0.2
         flown += 0.1 * speed
-        assert height > 1.5
-    assert check.deviation(60.0)
+    assert flown > 100.0
 
 
 @pytest.mark.parametrize(("gap_s", "height"), [(5.0, 9.0), (100.0, 3.0)])

@@ -258,7 +258,7 @@ def random_lie(r: random.Random, way: tuple[str, str]) -> Lie:
         "factor": [0.5, 1.5, 2.0, 3.0],
         "noise": [0.1, 0.5, 1.0, 2.0],
         "late": [r.uniform(0.5, 3.0)],
-        "drift": [0.05, -0.05],
+        "drift": [0.02, 0.05, 0.1, 0.3, -0.05] if sensor == "rangefinder" else [0.05, -0.05],
         "reset": [r.choice((-1, 1)) * metres for metres in (5.0, 7.0, 9.0)],
     }
     moments = r.choice([0.0, r.uniform(0, 8), r.uniform(8, 20), r.uniform(8, 60)])

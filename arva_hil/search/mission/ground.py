@@ -160,8 +160,7 @@ class Ground:
         self._sensors = HeightSensors(session)
         self._plan = plan
         least, most = _TOLERANCE_M
-        self._tolerance = max(least, min(_SHARE * plan.height, most))
-        self._range = RangeCheck(self._tolerance)
+        self._range = RangeCheck(max(least, min(_SHARE * plan.height, most)))
         self._levels = {name: _Level() for name in _ERRORS_M}
         self._motion = _Motion()
         self._terrain = _Terrain()
@@ -202,7 +201,9 @@ class Ground:
             found["rangefinder", "autopilot's clearance"] = measured, clearance
         still, doubt = self._compare(now, altitudes, sigma, found)
         landed = samples.landed or self._motion.stalled > _CONTACT_M
-        return Height(lowest, measured is not None, margin, self._below, still or self._range.still, doubt, landed)
+        return Height(
+            lowest, measured is not None, margin, self._below, still or self._range.drift.still, doubt, landed
+        )
 
     def _altitudes(self, now: float, above: float, motion: Odometry, samples: HeightSamples) -> dict[str, float]:
         """Return the altitudes above the take-off point by each sensor [m]. A jump of the estimated one is left out."""
@@ -235,7 +236,7 @@ class Ground:
         if self._checked and old and motion.time_s - self._checked[0].time_s <= FRESH_S:
             then, height = self._checked
             return height + min(0.0, motion.climbed - then.climbed)
-        confirmed = max([altitudes[name] - self._levels[name].highest for name in sure]) + self._tolerance
+        confirmed = max([altitudes[name] - self._levels[name].highest for name in sure])
         metres = self._range.height(motion, distance.metres * level, distance.sample, confirmed)
         self._checked = None if metres is None else (motion, metres)
         if metres is not None:

@@ -231,10 +231,11 @@ _STUCK_M: Final = 0.5  # climb or descent with one repeated value: the rangefind
 _FOLLOWED: Final = 0.5  # largest slope that the vehicle follows, for which more climb is allowed
 _SAME_M: Final = 1.0  # flight with one value after which the ground may have risen
 _SAME_SLOPE: Final = 0.2  # slope of that ground
-_DRIFT: Final = 0.05  # m/s; a faster drift is detected as a change of the ground
-_DRIFTED_M: Final = 0.6  # possible drift before a check
+_DRIFTED_M: Final = 1.0  # a fall of the ground that is not followed, before a check
 _HOVER_M_S: Final = 0.3
-_CHECK_S: Final = 4.0  # duration of a check in a hover
+_SETTLE_S: Final = 1.0  # from the stop until the hover counts
+_CHECK: Final = 0.8  # √s: duration of a check over the root of the time since the last one, because errors of checks
+_LONGEST_S: Final = 8.0  # add up as a root; the largest duration
 _SUNK_M: Final = 1.0  # climb or descent in that time: the vehicle does not hover
 _STEADY_M: Final = 0.1  # largest change of a steady height in that time
 
@@ -253,33 +254,84 @@ class Odometry(NamedTuple):
     """North and east [m]."""
 
 
-class RangeCheck:
-    """Remembers the ground and the error of the rangefinder. `tolerance`: of a change of the ground [m].
+class DriftCheck:
+    """Remembers how far the ground has fallen by the rangefinder: a drift has the same effect.
 
-    `still`: the vehicle must hover, to check the rangefinder for drift.
+    A fall is followed as far as the `tolerance` [m]. Once it is larger the vehicle must hover (`still`), because below
+    a hover the ground cannot fall.
+
+    `fallen`: the least fall since the last check [m], from the highest ground. `drifts`: the rangefinder's value and
+    the expected value [m] after a check that failed.
     """
 
     def __init__(self, tolerance: float) -> None:
         self.still = False
+        self.drifts: tuple[float, float] | None = None
+        self._tolerance = tolerance
+        self.fallen = math.inf
+        self._checked_s: float | None = None
+        self._moved_s = 0.0  # the end of the last motion
+        self._hover: tuple[Odometry, float] | None = None  # motion and height at the start of the hover
+        self._crept, self._checks = 0.0, 0  # sum of the changes in all checks that passed [m], and their number
+
+    def height(self, motion: Odometry, height: float, confirmed: float) -> float:
+        """Return the height above the ground without the fall that must be checked.
+
+        `confirmed`: the height above the highest ground, by the altitude [m].
+        """
+        fall = max(0.0, height - confirmed)
+        self.fallen = min(self.fallen, fall)
+        self._checked_s = motion.time_s if self._checked_s is None else self._checked_s
+        lowest = height - max(0.0, fall - self.fallen - self._tolerance)
+        self.still = self.still or height - lowest > _DRIFTED_M
+        if not self.still or motion.speed > _HOVER_M_S:
+            self._hover, self._moved_s = None, motion.time_s
+        elif motion.time_s - self._moved_s < _SETTLE_S:
+            return lowest
+        elif self._hover is None or abs(motion.climbed - self._hover[0].climbed) > _SUNK_M:
+            self._hover = motion, height
+        else:
+            before, was = self._hover
+            duration = min(_CHECK * math.sqrt(before.time_s - self._checked_s), _LONGEST_S)
+            if motion.time_s - before.time_s >= duration:
+                self._judge(height, was, motion.climbed - before.climbed)
+                self._hover = None
+                if not self.drifts:
+                    self.fallen, self._checked_s, self.still = fall, motion.time_s, False
+        return lowest
+
+    def _judge(self, height: float, was: float, climbed: float) -> None:
+        """Compare the height with the one at the start of a hover. Small drifts add up over several checks."""
+        change = min(height - was, height - was - climbed, key=abs)
+        crept, checks = self._crept + change, self._checks + 1
+        if abs(change) > _STEADY_M or abs(crept) > _STEADY_M * math.sqrt(checks):
+            self.drifts = height, was
+        else:
+            self.drifts, self._crept, self._checks = None, crept, checks
+
+
+class RangeCheck:
+    """Remembers the ground and the error of the rangefinder. `tolerance`: of a change of the ground [m]."""
+
+    def __init__(self, tolerance: float) -> None:
+        self.drift = DriftCheck(tolerance)
         self._tolerance = tolerance
         self._past: deque[tuple[Odometry, float]] = deque()  # and the ground, above the place of the start [m]
         self._offset = 0.0  # sum of the steps that may be errors of the rangefinder; below 0: a step up
         self._flown = 0.0
         self._same: tuple[float, Odometry] | None = None  # the repeated sample, and the motion at its start
         self._noted: tuple[float, float, float] | None = None  # until when, value and expected value
-        self._drifts: tuple[float, float] | None = None
-        self._checked_s: float | None = None
-        self._hover: tuple[Odometry, float] | None = None  # motion and height at the start of the hover
 
     def begin(self, motion: Odometry, ground: float) -> None:
         """Begin with known `ground` at the start [m above it]."""
         self._past.append((motion, ground))
+        self.drift.fallen = 0.0
 
     def deviation(self, now: float) -> tuple[float, float] | None:
         """Return the rangefinder's value that contradicts the motion, and the expected value [m]; None without one."""
         if self._noted is not None and now < self._noted[0]:
             return self._noted[1:]
-        return self._drifts
+        return self.drift.drifts
 
     def height(self, motion: Odometry, metres: float, sample: float, confirmed: float) -> float | None:
         """Return the lowest height that may be true; None if the rangefinder is stuck.
@@ -296,7 +348,7 @@ class RangeCheck:
             return None
         self._step(motion, metres)
         unseen = _SAME_SLOPE * max(0.0, flown - _SAME_M)
-        return self._undrifted(motion, metres - max(0.0, self._offset), confirmed) - unseen
+        return self.drift.height(motion, metres - max(0.0, self._offset), confirmed) - unseen
 
     def _step(self, motion: Odometry, metres: float) -> None:
         """Compare the ground with the previous one: a change that the flight does not explain is an error."""
@@ -322,22 +374,3 @@ class RangeCheck:
 
     def _contradict(self, motion: Odometry, metres: float, expected: float, *, lasts: bool) -> None:
         self._noted = math.inf if lasts else motion.time_s + _NOTED_S, metres, expected
-
-    def _undrifted(self, motion: Odometry, height: float, confirmed: float) -> float:
-        """Return the height less the drift since the last check. Falling ground has the effect of a drift."""
-        self._checked_s = motion.time_s if self._checked_s is None else self._checked_s
-        drift = _DRIFT * (motion.time_s - self._checked_s)
-        lowest = min(height, max(height - drift, confirmed))
-        self.still = self.still or height - lowest > _DRIFTED_M
-        if not self.still or motion.speed > _HOVER_M_S:
-            self._hover = None
-        elif self._hover is None or abs(motion.climbed - self._hover[0].climbed) > _SUNK_M:
-            self._hover = motion, height
-        elif motion.time_s - self._hover[0].time_s >= _CHECK_S:
-            before, was = self._hover
-            risen, self._hover = height - was, None
-            drifts = min(abs(risen), abs(risen - motion.climbed + before.climbed)) > _STEADY_M
-            self._drifts = (height, was) if drifts else None
-            if not drifts:
-                self._checked_s, self.still = motion.time_s, False
-        return lowest
