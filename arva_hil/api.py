@@ -13,8 +13,7 @@ from typing import Any
 from arva_hil.clock import RealClock
 from arva_hil.config import Scenario, load, parse
 from arva_hil.emulator.engine import Emulator
-from arva_hil.events import Event, FrameMade, HeartbeatMissing
-from arva_hil.events.words.reasons import no_vehicle
+from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.tlog import TlogReader
@@ -22,7 +21,7 @@ from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.registry import over_mavlink
 from arva_hil.runtime import drivers
-from arva_hil.runtime.audience import Audience
+from arva_hil.runtime.audience import Audience, MissingVehicles
 from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, live_vehicles, vehicles_in_log
 from arva_hil.runtime.loop import run
 
@@ -183,17 +182,15 @@ class _Watcher:
 
     def __init__(self, on_event: Callable[[Event], object], vehicles: int = 1) -> None:
         self._on_event = on_event
-        self._vehicles = vehicles
+        self._missing = MissingVehicles(vehicles)
         self._error: BaseException | None = None
-        self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and the traffic instead
 
     @property
     def over(self) -> bool:
-        return self._error is not None or len(self._missing) == self._vehicles
+        return self._error is not None or self._missing.all
 
     def observe(self, event: Event) -> None:
-        if isinstance(event, HeartbeatMissing):
-            self._missing[event.vehicle] = no_vehicle(event.heard)
+        self._missing.observe(event)
         if self._error is None:
             try:
                 self._on_event(event)
@@ -205,4 +202,4 @@ class _Watcher:
         if self._error:
             raise self._error
         if address and self.over:
-            raise LinkError(address, "; ".join(dict.fromkeys(self._missing.values())))
+            raise LinkError(address, str(self._missing))

@@ -78,8 +78,10 @@ def _check(name: str, text: str) -> None:
     for vehicle in chosen.vehicles:
         for receiver in vehicle.receivers:
             where = receiver.port or "the autopilot's link"
-            rate_hz = receiver.receiver.rate_hz
-            show(f"  {vehicle.name}/{receiver.name}: {rate_hz:g} Hz, {receiver.output_format} to {where}")
+            show(
+                f"  {vehicle.name}/{receiver.name}: {receiver.receiver.rate_hz:g} Hz, {receiver.output_format} to "
+                f"{where}"
+            )
     for fault in chosen.faults:
         show(f"  fault {fault}")
     if newer_keys(chosen):

@@ -24,15 +24,14 @@ from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, newer_keys
 from arva_hil.config.tables import own_options
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import receivers_of
-from arva_hil.events import Event, HeartbeatMissing, StatusReport
-from arva_hil.events.words.reasons import no_vehicle
+from arva_hil.events import Event, StatusReport
 from arva_hil.events.words.text import Notice
 from arva_hil.links import Link, LinkEnded, LinkError, open_link, parse
 from arva_hil.links.stdout import ReaderGone, open_stdout
 from arva_hil.observers.console import LinePrinter, Printer, as_json, plain
 from arva_hil.records.writing import Recorder, RecordError, RecordLayout
 from arva_hil.registry import OBSERVERS
-from arva_hil.runtime.audience import Audience, Observer
+from arva_hil.runtime.audience import Audience, MissingVehicles, Observer
 from arva_hil.runtime.loop import Task, run
 from arva_hil.safe_text import shown
 
@@ -58,8 +57,7 @@ def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
             )
         receiver = dataclasses.replace(receiver, rate_hz=options.rate)
     seed = base.seed if options.seed is None else options.seed
-    form = options.format or base.output_format
-    chosen = dataclasses.replace(base, receiver=receiver, output_format=form, seed=seed)
+    chosen = dataclasses.replace(base, receiver=receiver, output_format=options.format or base.output_format, seed=seed)
     return dataclasses.replace(chosen, faults=_faults(options, chosen))
 
 
@@ -123,8 +121,7 @@ def open_reopened(address: str, clock: Clock, stack: ExitStack, *, answered: boo
     """
     from arva_hil.links.reconnecting import open_reconnecting  # with serial ports, which a replay does not need
 
-    patient = parse(address).kind == "tcp"
-    link = open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
+    link = open_or_fail(address, clock, open_reconnecting, answered=answered, patient=parse(address).kind == "tcp")
     return stack.enter_context(closing(link))
 
 
@@ -164,40 +161,33 @@ class Run:
     ) -> None:
         self._guard = SignalGuard()
         self._plug_ins = [_observer(name) for name in options.observer or ()]
-        names = receivers_of(chosen)
-        self._vehicles = len(chosen.vehicles) or 1
-        several = len(names) > 1
-        self._layout = RecordLayout(tuple(names), tuple(record_links))
-        self._known = known_at_start(chosen) if options.record else {}
-        self._traceback = options.verbose > 0
-        self._how = "interrupted"  # the run has ended
-        self._failed = False
-        self._recorder: Recorder | None = None
-        self._record_failed = False
+        self._missing = MissingVehicles(len(chosen.vehicles) or 1)
+        self._verbose = options.verbose > 0
+        self._end = ("interrupted", False)  # how the run has ended, and True if it failed
+        self._record: _RunRecord | None = None
         self._now = 0.0  # when the newest event was
+        several = len(receivers_of(chosen)) > 1
         of_frames = plain if lines else None
         render = functools.partial(as_json, named=several) if options.json else of_frames
         with ExitStack() as stack:
             stack.enter_context(self._guard)
-            self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
+            self.printer = Printer(sys.stderr, frames=self._verbose, status=not patient, live=live, named=several)
             stack.callback(lambda: close_all(self._plug_ins, self.printer.notice))
             self._plug_ins += live_observers(options, chosen, epoch_us)
             self._lines = LinePrinter(open_stdout(), render, patient=patient) if render else None
             self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
             if self.page:
-                stack.callback(self.page.close, self._how)
+                stack.callback(self._close_page)
             if options.record:  # last: a run that cannot begin leaves no record
-                self._recorder = Recorder(
-                    Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout
-                )
+                self._record = _RunRecord(Path(options.record), chosen, epoch_us, record_links, patient=patient)
             stack.pop_all()  # from here on `drive` and `__exit__` close them
-        every: tuple[Observer | None, ...] = (self.printer, self._lines, self._recorder, self.page)
+        recorder = self._record.recorder if self._record else None
+        every: tuple[Observer | None, ...] = (self._missing, self.printer, self._lines, recorder, self.page)
         self.observers: list[Observer] = [self, *filter(None, every), *self._plug_ins]
-        self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and the traffic instead
         for line in describe(chosen, hidden=getattr(options, "hide_truth", False)):
             self.printer.say(line)
-        if self._recorder:
-            self._recorder.broken_off = self._is_broken_off
+        if recorder:
+            recorder.broken_off = self._is_broken_off
         if patient and self._lines:
             self._lines.give_up = self._is_broken_off
 
@@ -206,8 +196,12 @@ class Run:
 
     def __exit__(self, *_: object) -> None:
         self._guard.__exit__()
+        self._close_page()
+
+    def _close_page(self) -> None:
         if self.page:
-            self.page.close(self._how, failed=self._failed)
+            how, failed = self._end
+            self.page.close(how, failed=failed)
 
     @functools.cached_property
     def audience(self) -> Audience:
@@ -216,22 +210,15 @@ class Run:
 
     def observe(self, event: Event) -> None:
         self._now = event.time_s
-        if isinstance(event, HeartbeatMissing):
-            self._missing[event.vehicle] = no_vehicle(event.heard)
 
     def stopped(self) -> bool:
         """Return True if the loop should end: after a signal, if a thread failed, or if stdout has no reader."""
-        if self._recorder and self._recorder.error and not self._record_failed:
-            self._record_failed = True
-            self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
-        return bool(self._is_broken_off() or (self._lines and self._lines.error) or self._none_appeared)
+        if self._record and (error := self._record.new_error()):
+            self.printer.notice(Notice("error", f"{error}; frames go on"))
+        return bool(self._is_broken_off() or (self._lines and self._lines.error) or self._missing.all)
 
     def _is_broken_off(self) -> bool:
         return self._guard.caught is not None or self._guard.error is not None
-
-    @property
-    def _none_appeared(self) -> bool:
-        return len(self._missing) == self._vehicles
 
     def drive(
         self,
@@ -250,8 +237,8 @@ class Run:
             loop()
             if self._guard.error:
                 raise self._guard.error
-            if self._none_appeared:
-                failure = Failure(outcome.NO_LINK, "; ".join(dict.fromkeys(self._missing.values())))
+            if self._missing.all:
+                failure = Failure(outcome.NO_LINK, self._missing)
         except LinkEnded as error:
             self.printer.say(str(error))
         except LinkError as error:
@@ -260,7 +247,7 @@ class Run:
             pass
         except BaseException as error:  # also SystemExit, of a plug-in
             failure = Failure(outcome.FAILED, outcome.unexpected_error(error))
-            if self._traceback:
+            if self._verbose:
                 for line in outcome.traceback_lines(error):
                     self.printer.say(line)
         self._guard.ending = True
@@ -274,14 +261,13 @@ class Run:
         code, how = (outcome.INTERRUPTED, caught.name) if caught else (outcome.OK, "finished")
         if failure:
             code, how = failure.code, str(failure)
-        self._how, self._failed = how, code not in (outcome.OK, outcome.INTERRUPTED)
+        self._end = how, code not in (outcome.OK, outcome.INTERRUPTED)
         said = [Notice("error", how)] if failure and code != outcome.NO_READER else []
-        if self._recorder:
-            if code == outcome.OK and self._recorder.error:
-                code, how = outcome.FAILED, self._recorder.error
+        if self._record:
+            if code == outcome.OK and self._record.recorder.error:
+                code, how = outcome.FAILED, self._record.recorder.error
             try:
-                about = {"ended": how, "exit_code": code, **self._known}
-                self._recorder.close(about | as_dict(emulator, counts, self._layout))
+                self._record.close({"ended": how, "exit_code": code}, emulator, counts)
             except RecordError as error:
                 code = code or outcome.FAILED
                 said.append(Notice("error", str(error)))
@@ -292,6 +278,25 @@ class Run:
         close_all(self._plug_ins, self.printer.notice)
         self.printer.close()
         return code
+
+
+class _RunRecord:
+    """The record of a run, with the entries of run.json that are known at the start."""
+
+    def __init__(self, folder: Path, chosen: Scenario, epoch_us: int, links: Sequence[str], *, patient: bool) -> None:
+        self._layout = RecordLayout(tuple(receivers_of(chosen)), tuple(links))
+        self._known = known_at_start(chosen)
+        self._error = ""
+        self.recorder = Recorder(folder, epoch_us, self._known, patient=patient, layout=self._layout)
+
+    def new_error(self) -> str:
+        """Return the error that ended the record, once; "" if there is none."""
+        before, self._error = self._error, self.recorder.error or ""
+        return "" if before else self._error
+
+    def close(self, end: Mapping[str, object], emulator: Emulator, counts: Mapping[str, int]) -> None:
+        """Close the record, with run.json. Raises RecordError."""
+        self.recorder.close({**end, **self._known, **as_dict(emulator, counts, self._layout)})
 
 
 def _observer(given: tuple[str, Mapping[str, str]]) -> Observer:

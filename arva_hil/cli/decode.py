@@ -23,8 +23,13 @@ def main(options: argparse.Namespace) -> int:
     if (first := next(kept, None)) is None:
         raise UsageError(f"{options.run}: there are no bytes in it")
     scenario = surveyed(options)
-    session = Session(target_system=options.target_system, target_component=options.target_component, passive=True)
-    log = receiver_log(options, scenario, session, start=0.0, timeout=math.inf)
+    log = receiver_log(
+        options,
+        scenario,
+        Session(target_system=options.target_system, target_component=options.target_component, passive=True),
+        start=0.0,
+        timeout=math.inf,
+    )
     known = about(options, scenario) | {"decoded_from": options.run}
     recorder = recorded_in(options.out, first.time_us, known, patient=True)
     play(chain([first], kept), log, Audience([recorder]), first.time_us)

@@ -7,6 +7,7 @@ import contextlib
 import math
 import os
 import re
+import shutil
 import stat
 import tempfile
 from collections.abc import Callable, Sequence
@@ -81,42 +82,23 @@ _OURS: Final = {*FILES, *SEARCH_FILES, PICTURE}
 def new_folder() -> Path:
     """Make a folder, named by the time. Removes folders of earlier demos that were not changed for some days."""
     now_us = RealClock().epoch_us
-    for name in _old(now_us / 1e6 - KEPT_DAYS * _DAY_S):
+    for path in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError):
-            _remove(name)
+            if shutil.rmtree.avoids_symlink_attacks and _is_ours(path, now_us / 1e6 - KEPT_DAYS * _DAY_S):
+                shutil.rmtree(path)
     stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(now_us))
     return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{stamp}-"))
 
 
-def _old(before_s: float) -> list[str]:
-    """Return folders of demos that were last changed before `before_s`, seconds since 1970."""
-    found = []
-    with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
-        for entry in entries:
-            with contextlib.suppress(OSError):
-                if entry.name.startswith(_PREFIX) and entry.stat(follow_symlinks=False).st_mtime < before_s:
-                    found.append(entry.path)
-    return found
-
-
-def _remove(path: str) -> None:
-    """Remove a demo's folder and the files in it. Keeps all of it if the folder contains anything else.
-
-    The folder is open meanwhile, so that nothing is removed through a symlink that another user puts in its place.
-    """
-    if os.unlink not in os.supports_dir_fd:
-        return
-    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        status = os.fstat(folder)
-        names = set(os.listdir(folder))
-        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or not names <= _OURS:
-            return
-        for name in names:
-            os.unlink(name, dir_fd=folder)
-    finally:
-        os.close(folder)
-    os.rmdir(path)
+def _is_ours(path: Path, before_s: float) -> bool:
+    """Return True for this user's folder with nothing but a demo's files, last changed before `before_s` since 1970."""
+    status = path.lstat()
+    return (
+        stat.S_ISDIR(status.st_mode)
+        and status.st_uid == os.geteuid()
+        and status.st_mtime < before_s
+        and all(one.name in _OURS and not one.is_dir() for one in path.iterdir())
+    )
 
 
 _AROUND_S: Final = 120.0  # for take-off and landing
@@ -229,8 +211,7 @@ def _news(surroundings: common.Run) -> Callable[[str, Event], None]:
 
 
 def _outcome(drone: Drone, code: int) -> Outcome:
-    unended = Outcome("failed", (because(Why.INTERRUPTED if code == INTERRUPTED else Why.NO_END),))
-    return drone.search.outcome or unended
+    return drone.search.outcome or Outcome("failed", (because(Why.INTERRUPTED if code == INTERRUPTED else Why.NO_END),))
 
 
 def _end_alone(options: argparse.Namespace, flown: Flown) -> int:

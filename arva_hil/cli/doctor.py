@@ -76,10 +76,12 @@ class Doctor:
         if self.options.json:
             show_json(finding._asdict())
             return
-        mark = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
-        line = f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else "")
-        paint = partial(coloured, colour=_COLOURS[finding.state]) if wants_colour(sys.stdout) else str
-        show_marked(mark, line, paint=paint, further=_FOUND_AT)
+        show_marked(
+            f"{'FAIL' if finding.state == 'fail' else finding.state:<4}",
+            f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else ""),
+            paint=partial(coloured, colour=_COLOURS[finding.state]) if wants_colour(sys.stdout) else str,
+            further=_FOUND_AT,
+        )
 
     def examine(self) -> None:
         """Examine everything and print the verdict, unless it is stopped."""
@@ -92,7 +94,7 @@ class Doctor:
         probe = self._listen(link)
         if probe and not self.stopped():
             probe = self._judge_packets(probe) or probe
-        if probe and not self.stopped() and probe.known:
+        if probe and not self.stopped() and probe.packets["known"]:
             self._judge_vehicle(probe)
         if self.stopped():
             return
@@ -103,8 +105,7 @@ class Doctor:
         usb = [port.device for port in _candidates(self.autopilot) if port.usb and port.device != self.options.port]
         if self.right.get("port") and len(usb) == 1:
             self.right["port"] = usb[0]
-        command = next_command(self.options, str(self.autopilot), usb, self.right)
-        self._add(diagnosis.verdict(self.findings, command))
+        self._add(diagnosis.verdict(self.findings, next_command(self.options, str(self.autopilot), usb, self.right)))
 
     def _say_autopilot(self) -> None:
         if self.options.autopilot:
@@ -171,20 +172,24 @@ class Doctor:
         now, session = self.clock.now(), probe.session
         if not session.reader.bytes:
             taken = accepted(self.autopilot.port) if self.autopilot.kind == "tcp" and self.autopilot.port else None
-            self._add(diagnosis.silence(self.autopilot.kind, now - probe.start, refused=probe.refused, accepted=taken))
+            self._add(
+                diagnosis.silence(
+                    self.autopilot.kind, now - probe.start, refused=probe.link.refusals > 0, accepted=taken
+                )
+            )
             if taken is False:
                 self.right["autopilot"] = "URL"
         if probe.lost:
             self._add(Finding("link", "fail", probe.lost))
         if not session.reader.bytes:
             return None
-        if probe.known:
+        if probe.packets["known"]:
             traffic = probe.traffic(now)
             self._add(diagnosis.packets(traffic))
             self._add(signatures := diagnosis.signing(traffic))
             if signatures.state == "fail":
                 self.right["signing_key"] = "FILE"
-            self._add(diagnosis.other_senders(*probe.other_senders))
+            self._add(diagnosis.other_senders(probe.link.strangers, probe.link.stranger))
             return None
         self._add(diagnosis.garbage(self.autopilot.kind, session.reader.bytes, bytes(probe.sample)))
         if self.autopilot.kind != "serial" or probe.lost or again:
@@ -204,22 +209,27 @@ class Doctor:
         """Try other baud rates; returns the one at which packets come, or None."""
         asked = self.autopilot.baud or 115200
         rates = [asked, *(baud for baud in BAUDS if baud != asked)]
-        found = None
         each = min(_TRY_S, self.options.listen)
         tell(f"trying other baud rates, {each:g} s each")
-        for baud in rates[1:]:
-            with suppress(LinkError):  # this adapter does not support the rate
-                with closing(open_link(self.autopilot._replace(baud=baud), clock=self.clock)) as link:
-                    probe = AutopilotProbe(link, self._session(), self.clock.now())
-                    over = lambda probe=probe: self.stopped() or probe.over or probe.known > 0  # noqa: E731
-                    run([probe], self.clock, until=probe.start + each, stopped=over)
-                if probe.known:
-                    found = baud
-            if found or self.stopped():
-                break
+        found = next((one for one in rates[1:] if not self.stopped() and self._brings_packets(one, each)), None)
         if not self.stopped():
             self._add(diagnosis.baud(self.autopilot.path, rates, found))
         return found
+
+    def _brings_packets(self, baud: int, seconds: float) -> bool:
+        with (
+            suppress(LinkError),  # this adapter does not support the rate
+            closing(open_link(self.autopilot._replace(baud=baud), clock=self.clock)) as link,
+        ):
+            probe = AutopilotProbe(link, self._session(), self.clock.now())
+            run(
+                [probe],
+                self.clock,
+                until=probe.start + seconds,
+                stopped=lambda: self.stopped() or probe.over or probe.packets["known"] > 0,
+            )
+            return probe.packets["known"] > 0
+        return False
 
     def _judge_vehicle(self, probe: AutopilotProbe) -> None:
         now, session, vehicle = self.clock.now(), probe.session, probe.session.vehicle
@@ -238,11 +248,11 @@ class Doctor:
             self.right["stream_rate"] = str(slow)
         last = session.navigation.track.last_position
         place = (last.lat, last.lon, last.alt) if last else None
-        add(diagnosis.position(place, session.navigation.unpositioned, session.navigation.refused, probe.fix))
+        add(diagnosis.position(place, session.navigation.unpositioned, session.navigation.refused, probe.messages.fix))
         add(diagnosis.home(session.navigation.home, armed=vehicle.armed))
         state = session.navigation.state_at(now, last.frame) if last else None
         add(diagnosis.pose(state.age_s if state else None))
-        add(diagnosis.clock(probe.lags(now), session.navigation.reboots))
+        add(diagnosis.clock(probe.messages.lags(now), session.navigation.reboots))
 
 
 def _candidates(autopilot: Address) -> list[SerialPort]:

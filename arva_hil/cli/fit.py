@@ -22,8 +22,7 @@ def main(options: argparse.Namespace) -> int:
         from arva_hil.records.fitting.fit import fit
     records = [loaded(name) for name in options.records]
     try:
-        flights = [flight_of(record) for record in records]
-        found = fit(flights, options.model, Gps(options.gps_sigma, options.gps_tau))
+        found = fit([flight_of(record) for record in records], options.model, Gps(options.gps_sigma, options.gps_tau))
     except FitError as error:
         raise Failure(FAILED, error) from None
     out = Path(options.out)

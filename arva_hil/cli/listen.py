@@ -50,8 +50,13 @@ _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the
 
 def main(options: argparse.Namespace) -> int:
     decoder = FORMATS[options.format].decoder()
-    hello = Encoder(1, _COMPONENT) if over_mavlink(options.format) else None
-    listener = Listener(decoder, hello, options.format, options.json, options.count)
+    listener = Listener(
+        decoder,
+        Encoder(1, _COMPONENT) if over_mavlink(options.format) else None,
+        options.format,
+        options.json,
+        options.count,
+    )
     path = Path(options.url)
     if os.path.isfile(path) and path.suffix != ".tlog":
         try:

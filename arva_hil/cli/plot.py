@@ -33,8 +33,10 @@ def main(options: argparse.Namespace) -> None:
         if sheet:
             drawn = [(_named(out, receiver), data) for receiver, data in sheets(recording, format)]
         else:
-            every = pictures(recording, format, form=form)
-            drawn = [(_named(out / f"{name}.{format}", receiver), data) for receiver, name, data in every]
+            drawn = [
+                (_named(out / f"{name}.{format}", receiver), data)
+                for receiver, name, data in pictures(recording, format, form=form)
+            ]
     if not sheet:
         make_folder(out)
     for path, data in drawn:

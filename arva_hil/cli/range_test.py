@@ -42,12 +42,11 @@ def _receivers(options: argparse.Namespace) -> list[tuple[str, Scenario]]:
     chosen = load(options.scenario) if options.scenario else DEFAULT
     if options.seed is not None:
         chosen = replace(chosen, seed=options.seed)
-    every = [
+    return [
         (f"{vehicle.name}/{receiver.name}", scenario_of(chosen, receiver))
         for vehicle in chosen.vehicles
         for receiver in vehicle.receivers
-    ]
-    return every or [("", chosen)]
+    ] or [("", chosen)]
 
 
 def _write(folder: Path, sheets: Sequence[DataSheet]) -> None:

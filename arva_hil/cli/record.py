@@ -44,8 +44,13 @@ def main(options: argparse.Namespace) -> int:
     scenario = surveyed(options)
     clock = RealClock()
     with ExitStack() as stack:
-        key = signing(options.signing_key, clock.epoch_us, stack)
-        log = receiver_log(options, scenario, session(options, signing=key), start=clock.now(), timeout=options.timeout)
+        log = receiver_log(
+            options,
+            scenario,
+            session(options, signing=signing(options.signing_key, clock.epoch_us, stack)),
+            start=clock.now(),
+            timeout=options.timeout,
+        )
         links = {}
         for name, address in ((AUTOPILOT, autopilot), (RECEIVER, options.receiver)):
             links[name] = common.open_reopened(address, clock, stack, answered=name == AUTOPILOT)

@@ -44,9 +44,15 @@ def main(options: argparse.Namespace) -> int:
         first = next(timeline, None)
         if first is None:
             raise UsageError(f"{options.log}: no MAVLink packet in its {log.size} bytes: is it a telemetry log?")
-        lines = not (options.port or options.out or options.record)
         surroundings = stack.enter_context(
-            common.Run(options, chosen, first.time_us, patient=True, kind="replay", lines=lines)
+            common.Run(
+                options,
+                chosen,
+                first.time_us,
+                patient=True,
+                kind="replay",
+                lines=not (options.port or options.out or options.record),
+            )
         )
         if isinstance(out, StdoutLink):
             out.give_up = surroundings.stopped

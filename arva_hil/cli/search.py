@@ -77,8 +77,7 @@ def main(options: argparse.Namespace) -> int:
     clock, guard = RealClock(), SignalGuard()
     start = clock.now()
     with ExitStack() as stack:
-        make = partial(plan.strategy, plan.speed)
-        workers = [stack.enter_context(closing(StrategyProcess(make))) for _ in members]
+        workers = [stack.enter_context(closing(StrategyProcess(partial(plan.strategy, plan.speed)))) for _ in members]
         stack.enter_context(common.run_first())
         key = signing(options.signing_key, clock.epoch_us, stack)
         searchers = _searchers(options, members, workers, key, clock, stack)

@@ -146,8 +146,9 @@ def members_of(options: argparse.Namespace) -> list[Member]:
         alone = Member("", options.target_system, options.autopilot, options.receiver, options.format)
     for name in ("autopilot", "receiver"):
         if getattr(alone, name) in (None, "-"):
-            example = "arva-hil search --autopilot udpin:127.0.0.1:14540 --receiver /tmp/arva0"
-            raise UsageError(f"--{name} is missing, e.g. {example}")
+            raise UsageError(
+                f"--{name} is missing, e.g. arva-hil search --autopilot udpin:127.0.0.1:14540 --receiver /tmp/arva0"
+            )
     return [alone]
 
 
@@ -205,8 +206,13 @@ def _member(options: argparse.Namespace, vehicle: VehicleConfig, source: str) ->
     if not (autopilot := options.autopilot or vehicle.autopilot):
         raise UsageError(f"{source}: {vehicle.name}: its autopilot is missing: name its link, or --autopilot")
     (receiver,) = vehicle.receivers
-    port = options.receiver or far_end(receiver.port or "", f"{source}: {vehicle.name}")
-    return Member(vehicle.name, vehicle.system, autopilot, port, receiver.output_format)
+    return Member(
+        vehicle.name,
+        vehicle.system,
+        autopilot,
+        options.receiver or far_end(receiver.port or "", f"{source}: {vehicle.name}"),
+        receiver.output_format,
+    )
 
 
 def _fitted(source: str, members: list[Member]) -> list[Member]:

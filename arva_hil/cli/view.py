@@ -33,8 +33,7 @@ def main(options: argparse.Namespace) -> int:
             return INTERRUPTED
         for note in recording.notes:
             tell(f"warning: {note}")
-        under = background_of(options.map, recording.run.scenario if recording.run else None)
-        state = RecordedState(recording, under)
+        state = RecordedState(recording, background_of(options.map, recording.run.scenario if recording.run else None))
         if options.out:
             page = offline_page(state)
             write(Path(options.out), page)

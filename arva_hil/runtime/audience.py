@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from arva_hil.events import Event, ObserverFailed
+from arva_hil.events import Event, HeartbeatMissing, ObserverFailed
+from arva_hil.events.words.reasons import no_vehicle
 from arva_hil.safe_text import shown
 
 
@@ -40,3 +41,26 @@ class Audience:
             self.failed += 1
             self._observers = left
             self.emit([ObserverFailed(event.time_s, type(observer).__name__, shown(error))])
+
+
+class MissingVehicles:
+    """Remembers the vehicles without a heartbeat in time. `str()` is the traffic on their links instead, in words.
+
+    `count`: the number of vehicles in the run.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._traffic: dict[str, str] = {}  # by the vehicle's name
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, HeartbeatMissing):
+            self._traffic[event.vehicle] = no_vehicle(event.heard)
+
+    @property
+    def all(self) -> bool:
+        """True if no vehicle has appeared."""
+        return len(self._traffic) == self._count
+
+    def __str__(self) -> str:
+        return "; ".join(dict.fromkeys(self._traffic.values()))

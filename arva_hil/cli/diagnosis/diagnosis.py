@@ -193,8 +193,13 @@ def packets(t: Traffic) -> Finding:
     share = t.bad / (t.bad + t.packets)
     found += f", {share:.1%} bad checksums" if t.bad else ", no bad checksums"
     if t.bad > 2 and share > _BAD_SHARE:
-        cure = "bytes are damaged: use a shorter cable, a lower baud rate or flow control (ArduPilot: BRD_SERn_RTSCTS"
-        return Finding("packets", "note", found, cure + "; PX4: MAV_n_FLOW_CTRL)")
+        return Finding(
+            "packets",
+            "note",
+            found,
+            "bytes are damaged: use a shorter cable, a lower baud rate or flow control (ArduPilot: BRD_SERn_RTSCTS"
+            "; PX4: MAV_n_FLOW_CTRL)",
+        )
     return Finding("packets", "ok", found)
 
 
@@ -208,8 +213,12 @@ def signing(t: Traffic) -> Finding:
     good = t.packets - sum(t.refused.values())
     why = ", ".join(f"{count} {name}" for name, count in t.refused.items() if count)
     if not good:
-        cure = f"give the vehicle the same key, or leave out --signing-key; {_SIGNING_CURE}"
-        return Finding("signing", "fail", f"every packet is ignored: {why}", cure)
+        return Finding(
+            "signing",
+            "fail",
+            f"every packet is ignored: {why}",
+            f"give the vehicle the same key, or leave out --signing-key; {_SIGNING_CURE}",
+        )
     if why:
         found = f"{good} of {t.packets} packets are signed with the key; ignored: {why}"
         return Finding("signing", "note", found, "who else sends on this link?")
@@ -220,8 +229,12 @@ def other_senders(count: int, first: str) -> Finding | None:
     """Return datagrams of other senders than the vehicle at a UDP port; None if there are none."""
     if not count:
         return None
-    found = f"{count} datagrams of other senders are ignored; the first was from {first}"
-    return Finding("strangers", "note", found, "only bytes from the vehicle's address are read")
+    return Finding(
+        "strangers",
+        "note",
+        f"{count} datagrams of other senders are ignored; the first was from {first}",
+        "only bytes from the vehicle's address are read",
+    )
 
 
 def heartbeat(
@@ -304,8 +317,12 @@ def position(place: tuple[float, float, float] | None, zeros: int, refused: int,
     if zeros:
         return Finding("position", "fail", f"all zeros in {zeros} messages: no GPS fix yet{fix}", _FIX_CURE)
     if refused:
-        found = f"out of range in {refused} messages{fix}"
-        return Finding("position", "fail", found, "is the estimator healthy? reboot the autopilot")
+        return Finding(
+            "position",
+            "fail",
+            f"out of range in {refused} messages{fix}",
+            "is the estimator healthy? reboot the autopilot",
+        )
     return Finding("position", "fail", f"unknown: no GLOBAL_POSITION_INT came{fix}", _FIX_CURE)
 
 
@@ -314,11 +331,13 @@ def home(place: tuple[float, float, float] | None, *, armed: bool) -> Finding:
     state = "armed" if armed else "not armed"
     if place:
         return Finding("home", "ok", f"{_lla(place)}, {state}")
-    cure = (
+    return Finding(
+        "home",
+        "note",
+        f"not known yet, {state}",
         "`run` takes the first valid position after 5 s; wait for the estimator to settle (ArduPilot: 20 s after boot; "
-        "PX4: commander check), or give a datum in the scenario"
+        "PX4: commander check), or give a datum in the scenario",
     )
-    return Finding("home", "note", f"not known yet, {state}", cure)
 
 
 def pose(age_s: float | None) -> Finding:
@@ -333,8 +352,12 @@ def pose(age_s: float | None) -> Finding:
 def clock(lags_s: Sequence[float], reboots: int) -> Finding:
     """Judge the delay of pose messages by their boot time. `lags_s`: how much later than the quickest message [s]."""
     if reboots:
-        cure = "is the power good, also on USB? `run` continues with a new session"
-        return Finding("clock", "note", f"boot time went back {reboots} ×: the vehicle has rebooted", cure)
+        return Finding(
+            "clock",
+            "note",
+            f"boot time went back {reboots} ×: the vehicle has rebooted",
+            "is the power good, also on USB? `run` continues with a new session",
+        )
     if not lags_s:
         return Finding("clock", "note", "no boot time came", "see the lines above")
     late = sorted(lags_s)[int(0.95 * (len(lags_s) - 1))]
@@ -361,8 +384,12 @@ def verdict(findings: Sequence[Finding], command: str) -> Finding:
     failed = dict.fromkeys(finding.check for finding in findings if finding.state == "fail")
     if not failed:
         return Finding("verdict", "ok", f"it can run: {command}")
-    found = f"it cannot run yet, because of: {', '.join(failed)}"
-    return Finding("verdict", "fail", found, f"cure the first of them; then: {command}")
+    return Finding(
+        "verdict",
+        "fail",
+        f"it cannot run yet, because of: {', '.join(failed)}",
+        f"cure the first of them; then: {command}",
+    )
 
 
 _OURS: Final = re.compile(
@@ -389,8 +416,14 @@ def no_port(candidates: Sequence[SerialPort]) -> Finding:
     """Report that no port was named: only the autopilot's link is examined. `candidates`: those that are free."""
     names = ", ".join(port.device for port in candidates[:6])
     there = f"free: {names}" if candidates else "no serial port is free for it"
-    cures = [*[f"--port {port.device}" for port in candidates if port.usb][:1], "--port pty", "or --format tunnel"]
-    return Finding("port", "note", f"none was named; {there}", ", ".join(cures))
+    return Finding(
+        "port",
+        "note",
+        f"none was named; {there}",
+        ", ".join(
+            [*[f"--port {port.device}" for port in candidates if port.usb][:1], "--port pty", "or --format tunnel"]
+        ),
+    )
 
 
 def frames(traffic: PortTraffic, form: str) -> Finding:

@@ -6,7 +6,7 @@ import math
 import os
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 from arva_hil.autopilot.following.discovery import is_autopilot, short_name
 from arva_hil.autopilot.following.session import Session
@@ -37,6 +37,28 @@ _READ: Final = (
 )
 
 
+class PoseMessages:
+    """Counts the vehicle's pose messages, and remembers their delays and the fix of GPS_RAW_INT in words."""
+
+    def __init__(self) -> None:
+        self.count: Counter[int] = Counter()  # by message id
+        self.fix = ""
+        self._offsets: deque[tuple[float, float]] = deque(maxlen=4096)  # host time, host − boot
+
+    def add(self, msgid: int, message: Any, now: float) -> None:
+        if msgid == dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
+            fix = short_name("GPS_FIX_TYPE", message.fix_type)
+            self.fix = f"GPS {fix}, {message.satellites_visible} satellites"
+        else:
+            self.count[msgid] += 1
+            self._offsets.append((now, now - message.time_boot_ms / 1e3))
+
+    def lags(self, now: float) -> list[float]:
+        """Return the delay of each recent message against the quickest one [s]."""
+        offsets = [offset for at, offset in self._offsets if at > now - _LATELY_S]
+        return [offset - min(offsets) for offset in offsets]
+
+
 class AutopilotProbe:
     """Reads the autopilot's link as `run` does, and counts packets and messages. A task for the loop.
 
@@ -50,42 +72,40 @@ class AutopilotProbe:
         self.start = start
         self.links: Sequence[Link] = [link]
         self.sample = bytearray()
-        self.known = 0  # packets whose checksum could be verified
-        self.over = False
+        self.packets: Counter[str] = Counter()  # known (the checksum could be verified), old (MAVLink 1), signed
+        self.messages = PoseMessages()
         self.followed_at = math.inf  # when a vehicle was first followed
         self.lost = ""
-        self.fix = ""
-        self._link = link
+        self.link = link
         self._first = first
-        self._old = self._signed = 0
         self._sources: dict[tuple[int, int], Source] = {}
-        self._counts: Counter[int] = Counter()
         self._said: dict[str, str] = {}
-        self._offsets: deque[tuple[float, float]] = deque(maxlen=4096)  # host time, host − boot
+
+    @property
+    def over(self) -> bool:
+        """True if the link has ended."""
+        return not self.links
 
     def close(self) -> None:
-        self.over = True
         self.links = []
-        self._link.close()
+        self.link.close()
 
     def service(self, clock: Clock) -> float:
         now = clock.now()
         if self.over:
             return now + 1.0
         try:
-            for sender, chunk in self._link.receive():
+            for sender, chunk in self.link.receive():
                 self.receive(chunk, now, sender)
-            self._link.follow(self.session.senders.vehicle, self.session.senders.candidates)
+            self.link.follow(self.session.senders.vehicle, self.session.senders.candidates)
             out, events = self.session.poll(now)
             if out:
-                self._link.write(out)
+                self.link.write(out)
             self._remember(events)
         except LinkEnded:
-            self.over = True
-        except LinkError as error:
-            self.over, self.lost = True, str(error)
-        if self.over:
             self.links = []
+        except LinkError as error:
+            self.links, self.lost = [], str(error)
         return self.session.next_due
 
     def receive(self, chunk: bytes, now: float, sender: Sender = None) -> None:
@@ -95,18 +115,11 @@ class AutopilotProbe:
         self.sample += chunk[: _SAMPLE - len(self.sample)]
         received = self.session.feed(chunk, now, sender)
         for packet in (*received.accepted, *received.refused):
-            self.known += packet.known
-            self._old += packet.version == 1
-            self._signed += packet.signed
+            self.packets.update(known=packet.known, old=packet.version == 1, signed=packet.signed)
             if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self._on_heartbeat(packet, now)
         for msgid, message in received.messages(_READ):
-            if msgid == dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
-                fix = short_name("GPS_FIX_TYPE", message.fix_type)
-                self.fix = f"GPS {fix}, {message.satellites_visible} satellites"
-            else:
-                self._counts[msgid] += 1
-                self._offsets.append((now, now - message.time_boot_ms / 1e3))
+            self.messages.add(msgid, message, now)
         if self.session.vehicle:
             self.followed_at = min(self.followed_at, now)
         self._remember(received.events)
@@ -133,19 +146,16 @@ class AutopilotProbe:
         source.count += 1
 
     def traffic(self, now: float) -> Traffic:
-        session, parser = self.session, self.session.reader.parser
-        counts = now - self.start, session.reader.bytes, parser.packets, self._old, self._signed, parser.bad_crc
-        return Traffic(*counts, session.disbelieved_signatures())
-
-    @property
-    def refused(self) -> bool:
-        """True if the other machine has reported that no program listens there."""
-        return self._link.refusals > 0
-
-    @property
-    def other_senders(self) -> tuple[int, str]:
-        """The number of datagrams from senders other than the peer, and the address of the first."""
-        return self._link.strangers, self._link.stranger
+        reader = self.session.reader
+        return Traffic(
+            now - self.start,
+            reader.bytes,
+            reader.parser.packets,
+            self.packets["old"],
+            self.packets["signed"],
+            reader.parser.bad_crc,
+            self.session.disbelieved_signatures(),
+        )
 
     def sources(self) -> list[Source]:
         """Return the sources, autopilots first."""
@@ -155,7 +165,7 @@ class AutopilotProbe:
         return [
             StreamRate(
                 stream.name,
-                sum(self._counts[msgid] for msgid in stream.ids),
+                sum(self.messages.count[msgid] for msgid in stream.ids),
                 max(rate(times, now) for times in stream.seen.values()),
                 wanted_hz,
                 "" if recorded else self._said.get(stream.name, request(*stream.asked)),
@@ -164,11 +174,6 @@ class AutopilotProbe:
             )
             for stream in self.session.streams.wanted
         ]
-
-    def lags(self, now: float) -> list[float]:
-        """Return the delay of each recent pose message against the quickest one [s]."""
-        offsets = [offset for at, offset in self._offsets if at > now - _LATELY_S]
-        return [offset - min(offsets) for offset in offsets]
 
 
 class PortProbe:
@@ -207,8 +212,7 @@ class PortProbe:
         return self._next
 
     def _send(self, now: float) -> None:
-        frame = frame_of(self._receiver.show(now), self._sequence % 256)
-        data = self._encode(frame, round(now * 1e3))
+        data = self._encode(frame_of(self._receiver.show(now), self._sequence % 256), round(now * 1e3))
         self._sequence += 1
         if data:
             sent = self._link.write(data)
