@@ -29,29 +29,13 @@ _NOT_FLOWN: Final = ("follows", "vehicles", "terrain")  # one vehicle, above fla
 _DEPTH: Final = Number(-100, 100, unit="m")
 
 
-class _Depths(Numbers):
-    def read(self, value: Any) -> Any:
-        low, high = super().read(value)
-        if low > high:
-            raise wrong("the smaller one first", f"[{low:g}, {high:g}]")
-        return low, high
-
-
-_FAR: Final = Number(-10_000, 10_000, unit="m")
 Area = tuple[float, float, float, float]  # south, west, north, east of home, m
-
-
-class AreaM(Numbers):
-    """An area: south, west, north and east edge."""
-
-    def __init__(self) -> None:
-        super().__init__(_FAR, _FAR, _FAR, _FAR, names="south, west, north, east")
-
-    def read(self, value: Any) -> Any:
-        south, west, north, east = super().read(value)
-        if not (south < north and west < east):
-            raise wrong("south, west, north, east", f"[{south:g}, {west:g}, {north:g}, {east:g}]")
-        return south, west, north, east
+_AREA: Final = Numbers(
+    *[Number(-10_000, 10_000, unit="m")] * 4,
+    names="south, west, north, east",
+    fits=lambda area: area[0] < area[2] and area[1] < area[3],
+    expected="south, west, north, east",
+)
 
 
 class HowMany(Constraint):
@@ -86,8 +70,12 @@ class Random(Table, one_of="within_m area_m"):
     within_m: float | None = key(
         Number(0, 10_000, above=True, unit="m"), "of home to the north, east, south and west", default=None
     )
-    depth_m: tuple[float, float] = key(_Depths(_DEPTH, _DEPTH), "from, to", default=(0.0, 2.0))
-    area_m: Area | None = key(AreaM(), "instead: south, west, north, east of home", default=None)
+    depth_m: tuple[float, float] = key(
+        Numbers(_DEPTH, _DEPTH, fits=lambda depths: depths[0] <= depths[1], expected="the smaller one first"),
+        "from, to",
+        default=(0.0, 2.0),
+    )
+    area_m: Area | None = key(_AREA, "instead: south, west, north, east of home", default=None)
     count: int = key(Whole(1, 16), "the number of transmitters", default=1)
     model: str = key(Named(RECEIVERS), "of the receiver", default="paper")
     keying: KeyingKind | None = key(Word(get_args(KeyingKind)), "of the transmitters: the class of sets", default=None)
@@ -226,12 +214,6 @@ class _Scenarios(_Axis):
 
 
 _HEIGHT: Final = Number(0, 1000, above=True, unit="m")
-_SPEED: Final = Number(0, 100, above=True, unit="m/s")
-_WIDTH: Final = Number(1, 1000, unit="m")
-_LIMIT: Final = Number(0, 86_400, above=True, unit="s")
-_WIND: Final = _Axis(Number(0, 100, unit="m/s"), "numbers")
-_GPS_NOISE: Final = _Axis(Number(0, 1000, unit="m"), "numbers")
-_AREA: Final = (-50.0, -50.0, 50.0, 50.0)
 
 
 class CampaignPlan(Table):
@@ -256,28 +238,41 @@ class CampaignPlan(Table):
     noise: tuple[NoiseKind | None, ...] = key(
         _Axis(Word(NOISE_KINDS)), "of the receiver; default: the scenario's", default=(None,)
     )
-    wind_m_s: tuple[float, ...] = key(_WIND, "the seed draws its direction", default=(0.0,))
-    gps_noise_m: tuple[float, ...] = key(_GPS_NOISE, "sigma on each axis", default=(0.0,))
+    wind_m_s: tuple[float, ...] = key(
+        _Axis(Number(0, 100, unit="m/s"), "numbers"), "the seed draws its direction", default=(0.0,)
+    )
+    gps_noise_m: tuple[float, ...] = key(
+        _Axis(Number(0, 1000, unit="m"), "numbers"), "sigma on each axis", default=(0.0,)
+    )
     take_off_m: tuple[float, ...] = key(_Axis(_HEIGHT, "numbers"), "height of the take-off", default=(3.0,))
     height_m: Mapping[str, float] = key(_ByStrategy(_HEIGHT), "held in the search", default=3.0)
-    speed_m_s: Mapping[str, float] = key(_ByStrategy(_SPEED), "of the search", default=1.0)
-    limit_s: Mapping[str, float] = key(_ByStrategy(_LIMIT), "of the search, then it lands", default=900.0)
+    speed_m_s: Mapping[str, float] = key(
+        _ByStrategy(Number(0, 100, above=True, unit="m/s")), "of the search", default=1.0
+    )
+    limit_s: Mapping[str, float] = key(
+        _ByStrategy(Number(0, 86_400, above=True, unit="s")), "of the search, then it lands", default=900.0
+    )
     victims: int | None = key(HowMany(), "the number of transmitters to find, or all", default=1)
     drones: tuple[int, ...] = key(
         _Axis(Whole(1, MOST_DRONES)),
         "drones that share the area: one finds all `victims`, several find one each",
         default=(1,),
     )
-    area_m: Area = key(AreaM(), "searched in strips: south, west, north, east of home", default=_AREA)
-    strip_width_m: float = key(_WIDTH, "of the strips", default=40.0)
+    area_m: Area = key(
+        _AREA, "searched in strips: south, west, north, east of home", default=(-50.0, -50.0, 50.0, 50.0)
+    )
+    strip_width_m: float = key(Number(1, 1000, unit="m"), "of the strips", default=40.0)
     success_m: float = key(_HEIGHT, "the largest error of the place reported", default=2.0)
 
     def __post_init__(self, spec: int) -> None:
         for name, number, value in _by_strategy(self):
             usual = CampaignPlan.__table__[name].default
             own = value if isinstance(value, Mapping) else dict.fromkeys(self.strategies, value)
-            each = {strategy: number.read(own[strategy]) for strategy in own}
-            object.__setattr__(self, name, dict.fromkeys(self.strategies, usual) | each)
+            object.__setattr__(
+                self,
+                name,
+                dict.fromkeys(self.strategies, usual) | {strategy: number.read(own[strategy]) for strategy in own},
+            )
 
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
@@ -295,8 +290,11 @@ class CampaignPlan(Table):
             if 0 < count < (wanted := of.victims or 1):
                 yield Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",))
             if isinstance(one, Scenario) and one.navigation_error and any(of.gps_noise_m or ()):
-                noise = f"{max(of.gps_noise_m):g} with the navigation_error of {name}"
-                yield Violation("0: the scenario has the error", noise, path=("gps_noise_m",))
+                yield Violation(
+                    "0: the scenario has the error",
+                    f"{max(of.gps_noise_m):g} with the navigation_error of {name}",
+                    path=("gps_noise_m",),
+                )
             if teams and min(teams) < (every := of.victims or count):
                 yield Violation(f"1, or {every} at least: each finds one", str(min(teams)), path=("drones",))
             if teams and isinstance(one, Scenario) and one.output_format not in formats_with_ids():
@@ -319,8 +317,17 @@ def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
 def parse_plan(text: str, source: str) -> CampaignPlan:
     """Return the plan in `text`; files that it names are relative to `source`. Raises ScenarioError."""
     if "transmitters" in (names := keys_in(text)) and not names & {"strategies", "scenarios"}:
-        expected = f"the plan of a campaign, which names a scenario, e.g. `scenarios: [{os.path.basename(source)}]`"
-        raise ScenarioError([Problem(source, 1, 1, "a scenario", expected)])
+        raise ScenarioError(
+            [
+                Problem(
+                    source,
+                    1,
+                    1,
+                    "a scenario",
+                    f"the plan of a campaign, which names a scenario, e.g. `scenarios: [{os.path.basename(source)}]`",
+                )
+            ]
+        )
     plan: CampaignPlan = read(text, source, WHAT, TableOf(CampaignPlan).read, SPEC)
     return plan
 

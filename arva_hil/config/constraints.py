@@ -213,12 +213,23 @@ class Anything(Constraint):
 
 
 class Numbers(Constraint):
-    """A list of numbers, one for each constraint; a tuple in Python."""
+    """A list of numbers, one for each constraint; a tuple in Python.
 
-    def __init__(self, *each: Number | Whole, unit: str = "", names: str = "") -> None:
+    `fits`: False for numbers that do not fit together; `expected`: those that do, in words.
+    """
+
+    def __init__(
+        self,
+        *each: Number | Whole,
+        unit: str = "",
+        names: str = "",
+        fits: Callable[[tuple[Any, ...]], bool] = lambda values: True,
+        expected: str = "",
+    ) -> None:
         self.each = each
         self.unit = unit or each[0].unit
         self.names = f" ({names})" if names else ""
+        self.fits, self.expected = fits, expected
 
     def __str__(self) -> str:
         return f"a list of {len(self.each)} {'whole numbers' if isinstance(self.each[0], Whole) else 'numbers'}"
@@ -232,11 +243,12 @@ class Numbers(Constraint):
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise wrong(f"{self}{self.names}")
         if len(value) != len(self.each):
-            count = f"{len(value)} number{'' if len(value) == 1 else 's'}"
-            raise wrong(f"{len(self.each)}{self.names}", count)
+            raise wrong(f"{len(self.each)}{self.names}", f"{len(value)} number{'' if len(value) == 1 else 's'}")
         values, violations = read_each(value, [one.read for one in self.each])
         if violations:
             raise ConstraintError(*violations)
+        if not self.fits(tuple(values)):
+            raise wrong(self.expected, f"[{', '.join(f'{one:g}' for one in values)}]")
         return tuple(values)
 
     def json(self) -> dict[str, Any]:

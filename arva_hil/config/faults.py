@@ -88,8 +88,9 @@ class Fault(Table):
             yield Violation(f"later than from_s ({fault.from_s:g})", f"until_s {fault.until_s:g}", path=("until_s",))
         if fault.every_s is None or fault.for_s is None:
             if fault.every_s is not fault.for_s:
-                found = "every_s without for_s" if fault.for_s is None else "for_s without every_s"
-                yield Violation("both or neither", found)
+                yield Violation(
+                    "both or neither", "every_s without for_s" if fault.for_s is None else "for_s without every_s"
+                )
         elif fault.for_s >= fault.every_s:
             yield Violation(f"less than every_s ({fault.every_s:g})", f"for_s {fault.for_s:g}", path=("for_s",))
 
@@ -133,8 +134,9 @@ class FaultItem(Constraint):
         try:
             kind: FaultKind = FAULTS[name]
         except KindError as error:
-            violation = Violation(f"one that works: {error.cure}", error.found, None, (name,), at_key=True)
-            raise ConstraintError(violation) from None
+            raise ConstraintError(
+                Violation(f"one that works: {error.cure}", error.found, None, (name,), at_key=True)
+            ) from None
         options, violations = read_own(kind.options, value, f"the fault {name}")
         keys = _keys(name)
         valid = keys | dict.fromkeys(own_keys(kind.options), Anything())
@@ -154,9 +156,13 @@ class FaultItem(Constraint):
             helps = {key: one.help for key, one in Fault.__table__.items()} | {name: kind.help}
             properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
             properties |= {key: one.json() for key, one in own_keys(kind.options).items()}
-            required = [name, *kind.needs]
             every.append(
-                {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+                {
+                    "type": "object",
+                    "properties": properties,
+                    "required": [name, *kind.needs],
+                    "additionalProperties": False,
+                }
             )
         return {"oneOf": every}
 

@@ -166,16 +166,18 @@ def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_F
             data = file.read(largest + 1)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        near = near_file(source) if isinstance(error, FileNotFoundError) else None
-        raise ScenarioError([Problem(source, 1, 1, why, what, near)]) from error
+        raise ScenarioError(
+            [Problem(source, 1, 1, why, what, near_file(source) if isinstance(error, FileNotFoundError) else None)]
+        ) from error
     if len(data) > largest:
         raise ScenarioError([Problem(source, 1, 1, f"more than {largest >> 20} MiB", what)])
     try:
         return data.decode()
     except UnicodeDecodeError as error:
         at = end_of(data[: error.start].decode())
-        found = f"the byte 0x{data[error.start]:02x}"
-        raise ScenarioError([Problem(source, at.line + 1, at.column + 1, found, "UTF-8")]) from error
+        raise ScenarioError(
+            [Problem(source, at.line + 1, at.column + 1, f"the byte 0x{data[error.start]:02x}", "UTF-8")]
+        ) from error
 
 
 def near_file(path: str) -> str | None:
@@ -267,6 +269,9 @@ def _spec(problems: Problems, root: yaml.Node, newest: int) -> int:
     spec = whole(Scalar(node))
     if spec is not None and spec > newest:
         problems.found.clear()  # a newer program may accept the other mistakes
-        found = f"spec {spec} is newer than this program reads ({newest}): upgrade arva-hil"
-        problems.fail(node.start_mark, found, f"spec {newest}")
+        problems.fail(
+            node.start_mark,
+            f"spec {spec} is newer than this program reads ({newest}): upgrade arva-hil",
+            f"spec {newest}",
+        )
     return newest if spec is None or spec < 1 else spec

@@ -8,7 +8,7 @@ from typing import Any, Final
 from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
 from arva_hil.config.constraints import Anything, Named, Number, Numbers, Whole, Word
 from arva_hil.config.display import DisplayOptions
-from arva_hil.config.errors import Violation, wrong
+from arva_hil.config.errors import Violation
 from arva_hil.config.own_options import own_keys
 from arva_hil.config.tables import Table, key, own_options, valid_value
 from arva_hil.config.transmitter import PROFILE, VehicleNoiseOptions
@@ -30,11 +30,8 @@ NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
 
 
 class _NoSignal(Numbers):
-    def read(self, value: Any) -> Any:
-        pair = super().read(value)
-        if pair not in NO_SIGNAL:
-            raise wrong("[-1, -1], [-1, 0] or [0, 0]", f"[{pair[0]}, {pair[1]}]")
-        return pair
+    def __init__(self) -> None:
+        super().__init__(*[Whole(-1, 0)] * 2, fits=NO_SIGNAL.__contains__, expected="[-1, -1], [-1, 0] or [0, 0]")
 
     def json(self) -> dict[str, Any]:
         return {"enum": [list(pair) for pair in NO_SIGNAL]}
@@ -68,12 +65,6 @@ class MountOptions(Table):
     sling: SlingOptions | None = key(help="the rope on which it swings from there", since=2, default=None)
 
 
-_JITTER: Final = Number(0, 5, unit="s")
-_KAPPA_EQ: Final = Number(0, 1000, above=True)
-_SENSITIVITY: Final = Numbers(*[Number(0, 1, above=True)] * 3, names="x, y, z")
-_ONE_SLOT: Final = _NoSignal(*[Whole(-1, 0)] * 2)
-
-
 class ReceiverOptions(Table):
     """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) of an empty slot.
 
@@ -84,12 +75,20 @@ class ReceiverOptions(Table):
 
     channels: int = key(Whole(1, 16), "transmitters in a frame, the nearest first", default=4)
     rate_hz: float = key(RATE_HZ, "frames a second", default=1.0)
-    jitter_s: float = key(_JITTER, "each frame is up to this late; less than half the period", default=0.0)
-    kappa_eq: float = key(_KAPPA_EQ, "factor from field to distance; 1.542 is right on average", default=1.542)
-    sensitivity: Triple = key(_SENSITIVITY, "of the antennas along x, y and z", default=(1.0, 0.8, 0.6))
+    jitter_s: float = key(
+        Number(0, 5, unit="s"), "each frame is up to this late; less than half the period", default=0.0
+    )
+    kappa_eq: float = key(
+        Number(0, 1000, above=True), "factor from field to distance; 1.542 is right on average", default=1.542
+    )
+    sensitivity: Triple = key(
+        Numbers(*[Number(0, 1, above=True)] * 3, names="x, y, z"),
+        "of the antennas along x, y and z",
+        default=(1.0, 0.8, 0.6),
+    )
     noise: Noise = key(help="noise of the antennas", default=Noise())
     mount: MountOptions = key(help="its place on the vehicle", default=MountOptions())
-    no_signal: tuple[int, int] = key(_ONE_SLOT, "distance and angle of an empty slot", default=(-1, -1))
+    no_signal: tuple[int, int] = key(_NoSignal(), "distance and angle of an empty slot", default=(-1, -1))
     model: str = key(
         Named(RECEIVERS), "the model that computes readings; the model's own keys are beside it", since=2, default=PAPER
     )
@@ -127,5 +126,8 @@ class ReceiverOptions(Table):
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
         if of.rate_hz is not None and of.jitter_s is not None and of.jitter_s >= 0.5 / of.rate_hz:
-            expected = f"less than half the period ({0.5 / of.rate_hz:.4g} s)"
-            yield Violation(expected, f"jitter_s {of.jitter_s:.4g}", path=("jitter_s",))
+            yield Violation(
+                f"less than half the period ({0.5 / of.rate_hz:.4g} s)",
+                f"jitter_s {of.jitter_s:.4g}",
+                path=("jitter_s",),
+            )

@@ -51,11 +51,6 @@ class OutputOptions(Table):
     format: str = key(FORMAT, "of the frames", default="binary")
 
 
-_TRANSMITTERS: Final = ListOf(TableOf(Transmitter), 1, 255, "transmitters")
-_FAULTS: Final = ListOf(FaultItem(), 0, 1000, "faults")
-_VEHICLES: Final = ListOf(TableOf(VehicleConfig), 1, 250, "vehicles")
-
-
 class Scenario(Table):
     """One scenario. `source` is the file's name; two scenarios that differ in nothing else are equal.
 
@@ -66,13 +61,17 @@ class Scenario(Table):
     """
 
     spec: InitVar[int] = key(SPEC, "the version of this file format", default=1, kw_only=True)
-    transmitters: tuple[Transmitter, ...] = key(_TRANSMITTERS, "the transmitters to find")
+    transmitters: tuple[Transmitter, ...] = key(
+        ListOf(TableOf(Transmitter), 1, 255, "transmitters"), "the transmitters to find"
+    )
     datum: Datum = key(_HomeOrPlace(Lla), "the vehicle's home, or a place", default="home")
     receiver: ReceiverOptions = key(help="its properties", default=ReceiverOptions())
     output: InitVar[OutputOptions | None] = key(help="the frames", default=None, kw_only=True)
     output_format: str = key(FORMAT, default="binary")
     seed: int = key(SEED, "the same seed gives the same noise and faults", default=1)
-    faults: tuple[Fault, ...] = key(_FAULTS, "faults, each with its schedule", default=())
+    faults: tuple[Fault, ...] = key(
+        ListOf(FaultItem(), 0, 1000, "faults"), "faults, each with its schedule", default=()
+    )
     source: str = key(Text("a name", r"(?s:.*)"), default="default scenario", compare=False)
     pose: Pose = key(
         Word(get_args(Pose)),
@@ -82,7 +81,10 @@ class Scenario(Table):
     )
     navigation_error: NavigationError | None = key(help="true pose = reported pose + this", since=2, default=None)
     vehicles: tuple[VehicleConfig, ...] = key(
-        _VEHICLES, "default: one, on the command line's link", since=2, default=()
+        ListOf(TableOf(VehicleConfig), 1, 250, "vehicles"),
+        "default: one, on the command line's link",
+        since=2,
+        default=(),
     )
     medium: MediumOptions | None = key(
         help="the medium between transmitters and receivers; default: air", since=2, default=None
@@ -111,8 +113,13 @@ class Scenario(Table):
         if of.terrain is not None:
             yield from ground_conflicts(of)
         if of.pose == "truth" and of.navigation_error is not None:
-            expected = "none with `pose: truth`, which has no error"
-            yield Violation(expected, "navigation_error", None, ("navigation_error",), at_key=True)
+            yield Violation(
+                "none with `pose: truth`, which has no error",
+                "navigation_error",
+                None,
+                ("navigation_error",),
+                at_key=True,
+            )
         if not (isinstance(of, Given) and of.faults):
             return
         ids = [one.id for _, one in transmitters]

@@ -289,8 +289,9 @@ def unknown_key(
             return Violation("each key once", f"key {text!r} again", None, (name,), at_key=True, first=(text,))
     if newer and text in newer:
         spec = newer[text].since
-        expected = f"`spec: {spec}` at the top of the file"
-        return Violation(expected, f"key {shown} of spec {spec}", None, (name,), at_key=True)
+        return Violation(
+            f"`spec: {spec}` at the top of the file", f"key {shown} of spec {spec}", None, (name,), at_key=True
+        )
     return Violation(any_of(valid), f"unknown key {shown}", nearest(text.lower(), valid), (name,), at_key=True)
 
 
@@ -326,8 +327,7 @@ def duplicates(items: Iterable[tuple[tuple[str | int, ...], Any]], key: str, wha
 def read_own(cls: type[Any] | None, mapping: Mapping[str, Any], owner: str) -> tuple[Any, list[Violation]]:
     """Return the options of the class in a mapping of a file, which may have other keys; and all problems."""
     own = own_keys(cls)
-    given = {name: mapping[name] for name in own if name in mapping}
-    values, violations = read_keys(given, own, required_keys(cls))
+    values, violations = read_keys({name: mapping[name] for name in own if name in mapping}, own, required_keys(cls))
     if cls is None or violations:
         return None, violations
     try:

@@ -25,7 +25,6 @@ KeyingKind = Literal["modern", "modern-tight", "old-digital", "analogue", "norm-
 DipoleKind = Literal["static", "full"]
 
 _NOISE: Final = Number(0, 1_000_000, unit="nA/m")
-_LEVEL: Final = Numbers(Number(0, 1), _NOISE, names="load, nA/m")
 Level = tuple[float, float]  # load 0…1, nA/m
 
 
@@ -79,10 +78,6 @@ class KeyingOptions(Table):
             yield Violation("a jitter below a twelfth of the pause", found, path=(where,))
 
 
-_CONDUCTIVITY: Final = Number(0, 10, unit="S/m")
-_SURFACE: Final = Number(-10_000, 10_000, unit="m")
-
-
 class MediumOptions(Table):
     """The medium between transmitters and receivers."""
 
@@ -90,10 +85,10 @@ class MediumOptions(Table):
         Word(get_args(DipoleKind)), "the near field alone, or with induction and radiation", default="static"
     )
     snow_conductivity_s_m: float = key(
-        _CONDUCTIVITY, "conductivity: dry snow 1e-5, wet 1e-4, moist soil 1e-2", default=0.0
+        Number(0, 10, unit="S/m"), "conductivity: dry snow 1e-5, wet 1e-4, moist soil 1e-2", default=0.0
     )
     snow_permittivity: float = key(Number(1, 100), "relative permittivity: dry snow 1.8, wet 3", default=1.8)
-    surface_m: float = key(_SURFACE, "its surface, down from the datum", default=0.0)
+    surface_m: float = key(Number(-10_000, 10_000, unit="m"), "its surface, down from the datum", default=0.0)
 
 
 class VehicleNoiseOptions(Table):
@@ -105,7 +100,9 @@ class VehicleNoiseOptions(Table):
     motor_na_m: float = key(_NOISE, "of one motor at full throttle, 0.5 m away", default=5.2)
     line_na_m: float = key(_NOISE, "of one controller's harmonic in the band, 0.5 m away, always", default=0.0)
     levels: tuple[Level, ...] = key(
-        ListOf(_LEVEL, 2, 100, "levels"), "measured at the receiver: [load 0…1, nA/m], instead of motors", default=()
+        ListOf(Numbers(Number(0, 1), _NOISE, names="load, nA/m"), 2, 100, "levels"),
+        "measured at the receiver: [load 0…1, nA/m], instead of motors",
+        default=(),
     )
     full_current_a: float | None = key(
         Number(0, 10_000, above=True, unit="A"),
@@ -168,8 +165,11 @@ class Path(Table, required="frame points"):
 
     def __post_init__(self, frame: Frame | None, points: tuple[Waypoint, ...] | None) -> None:
         if points is not None:
-            ned = [(t, y, x, 0.0 - z) if frame == "enu" else (t, x, y, z) for t, x, y, z in points]
-            object.__setattr__(self, "points_ned", tuple(ned))
+            object.__setattr__(
+                self,
+                "points_ned",
+                tuple((t, y, x, 0.0 - z) if frame == "enu" else (t, x, y, z) for t, x, y, z in points),
+            )
         if not self.points_ned:
             raise ValueError("a path has at least one point")
 
@@ -183,8 +183,7 @@ class Path(Table, required="frame points"):
         before = None
         for path, (time_s, *_) in items_of(of, where):
             if before is not None and time_s <= before:
-                expected = f"later than the point before ({before:g} s)"
-                yield Violation(expected, f"a point at {time_s:g} s", path=path)
+                yield Violation(f"later than the point before ({before:g} s)", f"a point at {time_s:g} s", path=path)
             before = time_s
 
 
@@ -195,8 +194,6 @@ class Follows(Table):
     offset: Triple = key(BODY_POINT, "from that vehicle's position, in its body FRD", default=(0.0, 0.0, 0.0))
 
 
-_LLA: Final = _LlaList(LATITUDE, LONGITUDE, ALTITUDE, unit="°, °, m AMSL", names="latitude, longitude, altitude")
-_DEPTH: Final = Number(-100, 100, unit="m")
 STRENGTH: Final = Number(0, 1000, above=True)
 
 
@@ -216,13 +213,19 @@ class Transmitter(Table, one_of="enu ned lla path follows"):
     id: int = key(TRANSMITTER_ID, "each its own")
     enu: InitVar[Triple | None] = key(ENU_POINT, "east, north, up from the datum", default=None, kw_only=True)
     ned: Triple | None = key(NED_POINT, "north, east, down from the datum", default=None)
-    lla: Lla | None = key(_LLA, "latitude, longitude, altitude AMSL", default=None)
+    lla: Lla | None = key(
+        _LlaList(LATITUDE, LONGITUDE, ALTITUDE, unit="°, °, m AMSL", names="latitude, longitude, altitude"),
+        "latitude, longitude, altitude AMSL",
+        default=None,
+    )
     attitude: Triple = key(Attitude(), "FRD to NED; the dipole is the x axis", default=(0.0, 0.0, 0.0))
     strength: float = key(STRENGTH, "relative to the reference transmitter", default=1.0)
     path: Path | None = key(help="timed waypoints", since=2, default=None)
     follows: Follows | None = key(help="the vehicle that carries it", since=2, default=None)
     keying: KeyingOptions | None = key(help="when it sends; only for the model `pulsed`", since=2, default=None)
-    depth_m: float | None = key(_DEPTH, "depth below the ground; its place has the height 0", since=2, default=None)
+    depth_m: float | None = key(
+        Number(-100, 100, unit="m"), "depth below the ground; its place has the height 0", since=2, default=None
+    )
     profile: InitVar[str | None] = key(
         PROFILE, "the file with default keys, or builtin:NAME", since=2, default=None, kw_only=True
     )

@@ -15,7 +15,6 @@ _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-
 _LINK: Final = Text("a connection string")
 _SIGMA: Final = Number(0, 1000, unit="m")
 _TAU: Final = Number(0, 1_000_000, above=True, unit="s")
-_BIAS: Final = Numbers(*[Number(-10_000, 10_000, unit="m")] * 3, names="north, east, down")
 
 
 class RandomWalk(Table):
@@ -35,7 +34,11 @@ class NavigationError(Table):
     - `latency_s`: age of the reported pose.
     """
 
-    bias_ned: Triple = key(_BIAS, "north, east, down", default=(0.0, 0.0, 0.0))
+    bias_ned: Triple = key(
+        Numbers(*[Number(-10_000, 10_000, unit="m")] * 3, names="north, east, down"),
+        "north, east, down",
+        default=(0.0, 0.0, 0.0),
+    )
     walk: InitVar[RandomWalk | None] = key(help="a random walk", default=None, kw_only=True)
     walk_sigma_m: float = key(_SIGMA, default=RandomWalk.sigma_m)
     walk_tau_s: float = key(_TAU, default=RandomWalk.tau_s)
@@ -73,8 +76,13 @@ class ReceiverEntry(ReceiverOptions):
         if of.format is None:  # a wrong value, already reported
             return
         if over_mavlink(of.format) and not lacks(of, "port"):
-            expected = "none, because they go over the autopilot's own link"
-            yield Violation(expected, f"a port for frames of the format {of.format}", None, ("port",), at_key=True)
+            yield Violation(
+                "none, because they go over the autopilot's own link",
+                f"a port for frames of the format {of.format}",
+                None,
+                ("port",),
+                at_key=True,
+            )
         elif not over_mavlink(of.format) and lacks(of, "port"):
             yield Violation(f"a mapping with port, because frames of the format {of.format} go there", "no port")
 
@@ -106,8 +114,13 @@ class _Receiver(TableOf):
         if isinstance(value, ReceiverConfig):
             return value
         entry: ReceiverEntry = super().read(value)
-        receiver = ReceiverOptions(**{key.name: getattr(entry, key.name) for key in fields(ReceiverOptions)})
-        return ReceiverConfig(entry.name, entry.port, receiver, entry.format, entry.seed)
+        return ReceiverConfig(
+            entry.name,
+            entry.port,
+            ReceiverOptions(**{key.name: getattr(entry, key.name) for key in fields(ReceiverOptions)}),
+            entry.format,
+            entry.seed,
+        )
 
     def plain(self, value: ReceiverConfig, spec: int) -> Any:
         own = {"name": value.name, "port": value.port, "format": value.output_format, "seed": value.seed}

@@ -121,14 +121,6 @@ _SILENT_CURE: Final = {
     "pty": "give the path of this pty to the autopilot's program; ArduPilot: SITL --serial1 uart:PATH",
     "tlog": "is it a MAVLink telemetry log?",
 }
-_NOT_TAKEN: Final = (
-    "ArduPilot: a port has one client: take another one, SITL has tcp:127.0.0.1:5760, 5762 and 5763; PX4: speaks UDP, "
-    "not TCP"
-)
-_TAKEN: Final = (
-    "is it a MAVLink port? ArduPilot: SERIALn_PROTOCOL 2, in SITL SERIAL0 is 5760, SERIAL1 5762, SERIAL2 5763; "
-    "PX4: speaks UDP, not TCP"
-)
 _OTHER_PROTOCOLS: Final = (  # the bytes of a protocol → its name
     (rb"\xa4\x57\x01", "frames of a receiver, as arva-hil sends them: is this the other port?"),
     (rb"\xb5\x62[\x01\x02\x0a]", "u-blox: a GPS receiver"),
@@ -153,10 +145,20 @@ def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool 
         found += ": no program listens there"
     if accepted is False:
         return Finding(
-            "bytes", "fail", f"{found}: the connection is not accepted, because another client has the port", _NOT_TAKEN
+            "bytes",
+            "fail",
+            f"{found}: the connection is not accepted, because another client has the port",
+            "ArduPilot: a port has one client: take another one, SITL has tcp:127.0.0.1:5760, 5762 and 5763; PX4: "
+            "speaks UDP, not TCP",
         )
     if accepted:
-        return Finding("bytes", "fail", f"{found}: the connection is accepted, but nothing is sent on it", _TAKEN)
+        return Finding(
+            "bytes",
+            "fail",
+            f"{found}: the connection is accepted, but nothing is sent on it",
+            "is it a MAVLink port? ArduPilot: SERIALn_PROTOCOL 2, in SITL SERIAL0 is 5760, SERIAL1 5762, SERIAL2 5763; "
+            "PX4: speaks UDP, not TCP",
+        )
     return Finding("bytes", "fail", found, _SILENT_CURE.get(kind, _SERIAL_CURE))
 
 
