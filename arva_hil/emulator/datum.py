@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from arva_hil.autopilot.following.navigation import Place
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
@@ -50,7 +48,6 @@ class Datum:
 
     def __init__(self, scenario: Scenario, start: float = 0.0) -> None:
         fixed = scenario.datum
-        self.lla: Place | None = None
         self.frame: LocalFrame | None = None
         self.changes: list[DatumChange] = []
         self._start = start
@@ -62,10 +59,14 @@ class Datum:
         self._provisional = False  # it is a position, not a home
         self._first_position_at: float | None = None
         self._taken_in = (0, 0)  # the number of reboots and jumps when a position was used
-        self._near: Place | None = None  # a home that is used when the vehicle arms
         self._far_said = False
         if fixed != "home":
             self._take((fixed.lat, fixed.lon, fixed.alt), start, None)
+
+    @property
+    def lla(self) -> Place | None:
+        """Its present place."""
+        return self.changes[-1].lat_lon_alt if self.changes else None
 
     @property
     def of_the_flight(self) -> Place | None:
@@ -110,17 +111,12 @@ class Datum:
         if home == self.lla:
             self._provisional = False
             return False
-        if self._has_landed and self._armed_at is None and self._is_near(home):
+        near = self.frame is not None and math.hypot(*self.frame.ned_of(*home)) <= _SAME_PLACE_M
+        if near and self._has_landed and self._armed_at is None:  # it is used when the vehicle arms
             return False
         why = Why.HOME_CAME if self._provisional else Why.HOME_MOVED
         self._provisional = False
         return self._take(home, now, Why.HOME_AFTER_LANDING if self._has_landed else why)
-
-    def _is_near(self, home: Place) -> bool:
-        """Return True if a home is at the same place as the datum. Calculated once for each home."""
-        if home != self._near and self.frame and np.linalg.norm(self.frame.ned(*home)) <= _SAME_PLACE_M:
-            self._near = home
-        return home == self._near
 
     def _take_position(self, session: Session, now: float) -> bool:
         """Use the first position if no home has come in time."""
@@ -142,7 +138,6 @@ class Datum:
         if place == self.lla:
             return False
         self.changes.append(DatumChange(now - self._start, place, (because(why),) if why and self.lla else ()))
-        self._far_said, self._near = False, None
-        self.lla = place
+        self._far_said = False
         self.frame = LocalFrame(*place)
         return True

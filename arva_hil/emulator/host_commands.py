@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -74,29 +73,27 @@ class HostCommands:
     ) -> None:
         self.counters = CommandCounters()
         self._about = vehicle, name
+        self._scenario = scenario
+        self._form = form
         self._decoder = form.commands()
-        self._encode = form.answer
         self._obey = obey
-        self.channels = self._usual_channels = scenario.receiver.channels
-        words = (scenario.receiver.model, 12), (__version__, 8), (scenario.output_format, 10)
-        self._identity = " ".join(re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
+        self.channels = scenario.receiver.channels
         self.heard = False  # True after the first byte; most hosts only listen
         self._commands: list[Command] = []
-        self._answers: deque[tuple[bytes, CommandAnswered]] = deque()
+        self._answers: list[tuple[bytes, CommandAnswered]] = []
         self._executed = RateLimit(_RATE_HZ, _BURST)
         self._refusals = RateLimit(_RATE_HZ, _BURST)
-        self._flood = 0  # bytes that were not used
 
     def receive(self, data: bytes, now: float) -> None:
         """Use bytes of the host that arrived at `now`."""
         self.heard = True
         self._commands += self._decoder.feed(data[:_MOST_BYTES], now)
-        self._flood += max(0, len(data) - _MOST_BYTES)
+        self._decoder.dropped += max(0, len(data) - _MOST_BYTES)
 
     def advance(self, now: float) -> list[Event]:
         """Execute the commands received. The receiver must have taken its samples until `now`. Returns the events."""
         self._commands += self._decoder.feed(b"", now)
-        self.counters.bytes_dropped = self._decoder.dropped + self._flood
+        self.counters.bytes_dropped = self._decoder.dropped
         if not self._commands:
             return []
         commands, self._commands = self._commands, []
@@ -106,9 +103,8 @@ class HostCommands:
         """Return the answers to send now; none shortly before a frame."""
         if not self._answers or next_frame - now < _CLEAR_S:
             return []
-        every = list(self._answers)
-        self._answers.clear()
-        return every
+        answers, self._answers = self._answers, []
+        return answers
 
     def _take(self, command: Command, now: float) -> CommandReceived | None:
         """Execute one command, or refuse it if too many came."""
@@ -126,14 +122,17 @@ class HostCommands:
         setattr(counters, result, getattr(counters, result) + 1)
         answer = CommandAnswer(command.number, command.name, result, values, text)
         told = CommandAnswered(now, *self._about, command.number, command.name, result, values, text, True)
-        self._answers.append((self._encode(answer), told))
+        self._answers.append((self._form.answer(answer), told))
         return received
 
     def _result(self, command: Command, now: float) -> tuple[str, tuple[int, ...], str]:
         """Return result, values and text of the answer. Some commands do not need the model."""
         name, values = command.name, command.values
         if name == IDENTIFY:
-            return DONE, (self.channels,), self._identity
+            settings, form = self._scenario.receiver, self._scenario.output_format
+            words = (settings.model, 12), (__version__, 8), (form, 10)
+            identity = (re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
+            return DONE, (self.channels,), " ".join(identity)
         if name == CHANNELS and not values:
             return DONE, (self.channels,), ""
         if name == CHANNELS and (len(values) > 1 or not 1 <= values[0] <= MAX_CHANNELS):
@@ -142,7 +141,7 @@ class HostCommands:
         if result != DONE:
             return result, (), ""
         if name == RESTART:
-            self.channels = self._usual_channels
+            self.channels = self._scenario.receiver.channels
         elif name == CHANNELS:
             self.channels = values[0]
             return DONE, values, ""

@@ -235,12 +235,14 @@ def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str
 
     `measured`: see `firmware_proto.Format`. `time_s`: of the frame, from the start of the run.
     """
-    status = firmware_proto.SYNTHETIC
-    status |= firmware_proto.INTERFERENCE if reading.interference else 0
-    status |= firmware_proto.MORE_TRANSMITTERS if reading.more_heard else 0
-    status |= firmware_proto.SELF_TEST_FAULT if reading.failed else 0
-    status |= firmware_proto.OVERLAP if reading.overlapping else 0
-    status |= 0 if reading.searching else firmware_proto.NOT_SEARCHING
+    status = (
+        firmware_proto.SYNTHETIC
+        | reading.interference * firmware_proto.INTERFERENCE
+        | reading.more_heard * firmware_proto.MORE_TRANSMITTERS
+        | reading.failed * firmware_proto.SELF_TEST_FAULT
+        | reading.overlapping * firmware_proto.OVERLAP
+        | (not reading.searching) * firmware_proto.NOT_SEARCHING
+    )
     channels = [Channel(id_, zone, d, delta, marked) for id_, zone, d, delta, _, marked, _ in reading.channels]
     frame = Frame(sequence, status, tuple(channels))
     return frame._replace(measured=_measured(reading, time_s, measured)) if measured else frame

@@ -103,7 +103,15 @@ class DroneCanLink(Link):
         self._spin()
         try:
             for at in range(0, len(data), _AT_ONCE):
-                self._node.broadcast(self._message(data[at : at + _AT_ONCE]))
+                self._node.broadcast(
+                    self._types.tunnel.Targetted(
+                        protocol=self._types.tunnel.Protocol(),
+                        target_node=self._tunnel.to,
+                        serial_id=self._tunnel.serial,
+                        baudrate=_BAUD,
+                        buffer=list(data[at : at + _AT_ONCE]),
+                    )
+                )
         except BlockingIOError:  # the bus is full
             self.dropped += 1
             return False
@@ -144,16 +152,6 @@ class DroneCanLink(Link):
         ends = event.transfer.source_node_id, message.target_node, message.serial_id
         if ends == (tunnel.to, tunnel.node, tunnel.serial):
             self._arrived += bytes(message.buffer)
-
-    def _message(self, data: bytes) -> Any:
-        protocol = self._types.tunnel.Protocol()
-        return self._types.tunnel.Targetted(
-            protocol=protocol,
-            target_node=self._tunnel.to,
-            serial_id=self._tunnel.serial,
-            baudrate=_BAUD,
-            buffer=list(data),
-        )
 
     def _lost(self, error: OSError) -> LinkError:
         return LinkError(self.name, f"lost: {error.strerror or error}", "is the CAN adapter plugged in?")

@@ -29,6 +29,63 @@ def on_a_thread(job: Job) -> None:
     threading.Thread(target=job, name="reopen", daemon=True).start()
 
 
+class Attempts:
+    """Opens a link again and again, with pauses that grow. Remembers the present attempt, and when the next one is due.
+
+    `opener`, `start`: see `ReconnectingLink`. `fileno` is readable when an attempt has ended.
+    """
+
+    def __init__(self, opener: Callable[[], Link], start: Callable[[Job], None], now: float) -> None:
+        self._opener = opener
+        self._start = start
+        self._attempt: Future[Link] | None = None
+        self._waker, self._wake = socket.socketpair()  # to wait on while there is no link
+        self._wake.setblocking(False)
+        self._pause = _FIRST_PAUSE_S
+        self._next_try = now + self._pause
+
+    def put_off(self, now: float, *, first: bool = False) -> None:
+        """Wait for the next try: twice as long as the last time, or the shortest time for the `first` one."""
+        if first:
+            self._pause = _FIRST_PAUSE_S
+        self._next_try = now + self._pause
+        self._pause = min(2 * self._pause, _LONGEST_PAUSE_S)
+
+    def poll(self, now: float) -> Link | None:
+        """Return the link once it is open. Raises the errors of `opener`."""
+        if self._attempt is None:
+            if now < self._next_try:
+                return None
+            self._attempt = Future()
+            self._start(partial(self._open, self._attempt))
+        if not self._attempt.done():
+            return None
+        attempt, self._attempt = self._attempt, None
+        self._waker.recv(1)
+        return attempt.result()
+
+    def close(self) -> None:
+        if self._attempt:
+            self._attempt.add_done_callback(_close_link)
+        self._waker.close()
+        self._wake.close()
+
+    def fileno(self) -> int:
+        return self._waker.fileno()
+
+    def ready(self) -> bool:
+        return self._attempt is not None and self._attempt.done()
+
+    def _open(self, attempt: Future[Link]) -> None:
+        try:
+            settle = partial(attempt.set_result, self._opener())
+        except Exception as error:
+            settle = partial(attempt.set_exception, error)
+        with contextlib.suppress(OSError):  # it is closed if no caller waits
+            self._wake.send(b"!")
+        settle()
+
+
 class ReconnectingLink(Link):
     """Wraps a link that may be lost. While it is away, reads return b"", and writes are dropped and counted.
 
@@ -55,17 +112,11 @@ class ReconnectingLink(Link):
             self.name, self.why = link.link, str(link)
         else:
             self.name, self._link = link.name, link
-        self._opener = opener
         self._clock = clock
         self._sought = sought
-        self._start = start
         self._wanted = wanted
-        self._attempt: Future[Link] | None = None
-        self._pause = _FIRST_PAUSE_S
-        self._next_try = clock.now() + self._pause if self._awaited else math.inf
         self._since = -math.inf
-        self._waker, self._wake = socket.socketpair()  # to wait on while there is no link
-        self._wake.setblocking(False)
+        self._attempts = Attempts(opener, start, clock.now())
 
     @property
     def away(self) -> bool:
@@ -104,18 +155,13 @@ class ReconnectingLink(Link):
             self._open = False
             if self._link:
                 self._link.close()
-            if self._attempt:
-                self._attempt.add_done_callback(_close_link)
-            self._waker.close()
-            self._wake.close()
+            self._attempts.close()
 
     def fileno(self) -> int | None:
-        return (self._link or self._waker).fileno() if self._open else None
+        return (self._link or self._attempts).fileno() if self._open else None
 
     def ready(self) -> bool:
-        if self._link:
-            return self._open and self._link.ready()
-        return self._open and self._attempt is not None and self._attempt.done()
+        return self._open and (self._link or self._attempts).ready()
 
     def _current(self) -> Link | None:
         """Return the link; try to open it if it is lost."""
@@ -135,45 +181,21 @@ class ReconnectingLink(Link):
         if not self._wanted():
             self.close()
             raise error
-        if not self.away:
-            self._pause = _FIRST_PAUSE_S
+        self._attempts.put_off(self._clock.now(), first=not self.away)
         self._gone(LinkError(self.name, f"{error.what}, searching for {self._sought}", error.hint))
-        self._put_off()
-
-    def _put_off(self) -> None:
-        self._next_try = self._clock.now() + self._pause
-        self._pause = min(2 * self._pause, _LONGEST_PAUSE_S)
 
     def _try(self, now: float) -> None:
-        if self._attempt is None:
-            if now < self._next_try:
-                return
-            self._attempt = Future()
-            self._start(partial(self._open_again, self._attempt))
-        if not self._attempt.done():
-            return
-        attempt, self._attempt = self._attempt, None
-        self._waker.recv(1)
         try:
-            self._link = attempt.result()
+            self._link = self._attempts.poll(now)
         except (LinkError, OSError) as error:
             if isinstance(error, Barred):
                 self.why = str(error)
-            self._put_off()
-        else:
+            self._attempts.put_off(self._clock.now())
+        if self._link:
             self.name = self._link.name
             self._since = now
             self._awaited = False
             self._renewed(lasting=False)
-
-    def _open_again(self, attempt: Future[Link]) -> None:
-        try:
-            settle = partial(attempt.set_result, self._opener())
-        except Exception as error:
-            settle = partial(attempt.set_exception, error)
-        with contextlib.suppress(OSError):  # it is closed if no caller waits
-            self._wake.send(b"!")
-        settle()
 
 
 def _close_link(attempt: Future[Link]) -> None:

@@ -14,8 +14,8 @@ import numpy as np
 from arva_hil.config import Fault, FaultKind, Scenario
 from arva_hil.config.constraints import Number
 from arva_hil.config.faults import TRANSMITTER
-from arva_hil.model.receiver import Answer, Antennas, Impairment, Look, Reading, ReceiverModel, with_true_ranges
-from arva_hil.model.receiver.paper import NoiseSource, noise_bound
+from arva_hil.model.receiver import Answer, Impairment, Look, Reading, ReceiverModel, with_true_ranges
+from arva_hil.model.receiver.paper import FLOOR_RANGE_M, NoiseSource, noise_bound
 from arva_hil.registry import FAULTS
 
 
@@ -93,10 +93,6 @@ ELECTRONICS: Final = FaultKind(
     _impaired(lambda na_m: Impairment(noise_na_m=na_m)),
 )
 
-_LIMIT_RANGE_M: Final = (
-    Antennas().floor_range_m
-)  # at this distance a transmitter's field equals the noise that a receiver is made for
-
 
 class FaultyReceiver:
     """A `ReceiverModel` around another one, which applies the faults of reception.
@@ -148,7 +144,7 @@ class FaultyReceiver:
 
 def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
     """Return noise up to `value` times the receiver's specified noise, from its own random numbers."""
-    noise, bound_m = scenario.receiver.noise, _LIMIT_RANGE_M / math.cbrt(switch.fault.value)
+    noise, bound_m = scenario.receiver.noise, FLOOR_RANGE_M / math.cbrt(switch.fault.value)
     kind = "uniform" if noise.kind == "off" else noise.kind
     seed = switch.random(-1).getrandbits(63)
     return NoiseSource(kind, noise_bound(scenario.receiver.sensitivity, bound_m), seed)
