@@ -172,7 +172,7 @@ SLOW: Final = {
     "tools/test_tools.py::test_level_receivers_all_hear_near_and_none_hears_far": DRAWN,
     "tools/test_tools.py::test_marks_fail_for_who_follows_the_nearest_of_four_old_sets_now_and_then": EXAMPLES,
     "tools/test_tools.py::test_no_order_comes_later_than_the_bound": REAL_TIME,
-    "tools/test_tools.py::test_nor_in_the_climb_and_the_table_names_every_kind": REAL_TIME,
+    "tools/test_tools.py::test_nor_in_the_climb_and_the_last_line_counts_late_orders": REAL_TIME,
     "tools/test_tools.py::test_pulses_of_several_sets_touch_as_often_as_the_table_says": EXAMPLES,
     "tools/test_tools.py::test_readings_are_what_a_receiver_says": DRAWN,
     "tools/test_tools.py::test_share_heard": DRAWN,

@@ -15,67 +15,46 @@ from typing import Any
 import pytest
 
 from arva_hil.campaign.plan import draw
-from arva_hil.config import load
+from arva_hil.config import Transmitter, load
 from arva_hil.config.campaign import Random
-
-from .flight import ArduCopter, BuiltIn, Flown, Maker, Px4, fly
+from tools.sitl.fly import fly
+from tools.sitl.judge import Flight
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-SIMULATORS: list[tuple[Maker, str]] = [(ArduCopter, "ARVA_HIL_ARDUCOPTER"), (Px4, "ARVA_HIL_PX4")]
+BINARIES = [binary for name in ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4") if (binary := os.environ.get(name))]
 WITHIN_M = {"flux": 2.0, "estimate": 1.0}  # of the transmitter, horizontally, by the estimate of the vehicle's place
 GPS_M = 5.0  # of the true place from the estimated one: 1.5 m on each axis, and what the autopilot makes of it
-HEIGHT_M = 3.0  # the default
 
 
-def binaries() -> Iterator[tuple[Maker, str]]:
-    for autopilot, name in SIMULATORS:
-        if binary := os.environ.get(name):
-            yield autopilot, binary
-
-
-def cases() -> Iterator[Any]:
-    """Autopilot, its binary, strategy, case of the paper."""
-    yield pytest.param(BuiltIn, "", "estimate", 4, id="BuiltIn-estimate-4")
-    for autopilot, binary in binaries():
+def flights() -> Iterator[Any]:
+    """Binary, strategy, transmitter, seed."""
+    cases = {case: load(str(CONFIGS / f"paper_case_{case}.yaml")).transmitters[0] for case in (1, 2, 3, 4)}
+    yield pytest.param("vehicle", "estimate", cases[4], 4, id="vehicle-estimate-4")
+    for binary in BINARIES:
+        name = Path(binary).name
         for strategy in WITHIN_M:
-            for case in (1, 2, 3, 4):
-                yield pytest.param(autopilot, binary, strategy, case, id=f"{_name(autopilot)}-{strategy}-{case}")
-
-
-def anywhere() -> Iterator[Any]:
-    """Autopilot, its binary, seed."""
-    for autopilot, binary in binaries():
+            for case, transmitter in cases.items():
+                yield pytest.param(binary, strategy, transmitter, case, id=f"{name}-{strategy}-{case}")
         for seed in range(1, int(os.environ.get("ARVA_SITL_TRANSMITTERS", "2")) + 1):
-            yield pytest.param(autopilot, binary, seed, id=f"{_name(autopilot)}-{seed}")
+            yield pytest.param(binary, "estimate", draw(Random(40), seed).transmitters[0], seed, id=f"{name}-{seed}")
 
 
-def _name(autopilot: Maker) -> str:
-    return str(getattr(autopilot, "__name__", autopilot))
+@pytest.mark.timeout(1000)
+@pytest.mark.parametrize(("binary", "strategy", "transmitter", "seed"), list(flights()))
+def test_a_transmitter_is_found(
+    binary: str, strategy: str, transmitter: Transmitter, seed: int, tmp_path: Path
+) -> None:
+    options, there = ["--strategy", strategy], [transmitter]
+    judge(fly(Path(binary).resolve(), tmp_path, "anywhere", seed, options, transmitters=there), strategy)
 
 
-def judge(flown: Flown, strategy: str) -> None:
+def judge(flown: Flight, strategy: str) -> None:
     """In gusts ArduCopter's land detector may never fire: that search fails, and the victim is found all the same."""
     print(flown)
-    assert flown.outcome["outcome"] == ("found" if flown.landed else "failed"), flown.said
+    assert flown.outcome == ("found" if flown.disarmed else "failed"), flown
+    assert flown.reported_m is not None
     assert flown.reported_m < WITHIN_M[strategy]
+    assert flown.touchdown_m is not None
     assert flown.touchdown_m < WITHIN_M[strategy] + GPS_M
-    assert flown.lowest_m > HEIGHT_M / 2
-
-
-@pytest.mark.timeout(1000)
-@pytest.mark.parametrize(("autopilot", "binary", "strategy", "case"), list(cases()))
-def test_the_cases_of_the_paper(autopilot: Maker, binary: str, strategy: str, case: int, tmp_path: Path) -> None:
-    (transmitter,) = load(str(CONFIGS / f"paper_case_{case}.yaml")).transmitters
-    assert transmitter.ned is not None
-    place = f"{{id: 1, ned: {list(transmitter.ned)}}}"
-    judge(fly(autopilot, Path(binary).resolve(), tmp_path, place, case, "--strategy", strategy), strategy)
-
-
-@pytest.mark.timeout(1000)
-@pytest.mark.parametrize(("autopilot", "binary", "seed"), list(anywhere()))
-def test_a_transmitter_anywhere(autopilot: Maker, binary: str, seed: int, tmp_path: Path) -> None:
-    (drawn,) = draw(Random(40), seed).transmitters
-    assert drawn.ned is not None
-    roll, pitch, yaw = drawn.attitude
-    place = f"{{id: 1, ned: {list(drawn.ned)}, attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}}}"
-    judge(fly(autopilot, Path(binary).resolve(), tmp_path, place, seed), "estimate")
+    assert flown.lowest_m is not None
+    assert flown.lowest_m > flown.height_m / 2

@@ -18,15 +18,16 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from PIL import Image
 
+from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.model.receiver import Antennas, Zone
 from tests.paper_receiver import Receiver
-from tools import pilot_authority
 from tools.bench import speed as bench
 from tools.bench.table import Row, conditions, ratio, read, slower, write
 from tools.figures import paper
 from tools.figures.receivers import FIGURES, OURS, novices, overlaps
 from tools.fuzz import decoder, loader, session
 from tools.fuzz import python as tool
+from tools.sitl.fly import fly, main
 
 
 @pytest.mark.parametrize(
@@ -268,25 +269,27 @@ def test_what_cannot_be_measured_is_said_before_anything_is(
     assert said in capsys.readouterr().err
 
 
-# tools/pilot_authority.py, a run or two of each kind: a real search, and a pilot who takes over at a random moment
+# tools/sitl/fly.py, a flight or two of each kind: a real search, and a pilot who takes over at a random moment
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("pause", 22), ("other", 1)])
-def test_no_order_comes_later_than_the_bound(kind: str, seed: int) -> None:
-    result = pilot_authority.fly(kind, seed)
-    assert result.late == 0, result
-    assert result.kept, result
+def test_no_order_comes_later_than_the_bound(kind: str, seed: int, tmp_path: Path) -> None:
+    flight = fly(Path("vehicle"), tmp_path, kind, seed)
+    assert flight.kept, flight
+    assert flight.late == 0, flight
 
 
-def test_nor_in_the_climb_and_the_table_names_every_kind(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nor_in_the_climb_and_the_last_line_counts_late_orders(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     """In the climb, in real time, the order for the next mode may be under way while the pilot switches, more likely
     the slower the machine is. That it is left to the pilot there is tests/search/test_client.py's, in stepped time.
     """
-    assert pilot_authority.main(["--runs", "1", "--jobs", "1", "--kinds", "climb"]) == 0
-    heading, columns, *_, row = capsys.readouterr().out.splitlines()
-    assert heading == f"bound: {pilot_authority.BOUND_MS} ms"
-    assert columns.split()[:2] == ["kind", "runs"]
-    assert row.split()[:3] == ["climb", "1", "0"]
+    main(["vehicle", "climb", "--runs", "1", "--folder", str(tmp_path)])
+    row, total = capsys.readouterr().out.splitlines()
+    assert row.split()[:3] == ["vehicle", "climb", "1"]
+    assert total.startswith("1 flights, ")
+    assert total.endswith(f"; 0 orders later than {BOUND_MS} ms")
 
 
 # The data behind the figures of tools/figures/paper.py, against the paper's equations; and that the files are made

@@ -29,6 +29,7 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.simulated import HOME
 from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from arva_hil.simulated.messages import SENSORS
 
@@ -40,6 +41,15 @@ WAYS += [("rangefinder", "limit")]
 SCALE_M = 29.27 * 273.0  # of the air
 REACHED = 0.75  # of the height wanted
 LONGEST_S = 700.0
+_NED = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+_SENSORS = {
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: "rangefinder",
+    dialect.MAVLINK_MSG_ID_RANGEFINDER: "rangefinder",
+    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: "barometer",
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: "altitude",
+    _NED: "altitude",
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: "gps",
+}
 QUICK = ("flux", "extremum")  # strategies that compute little
 LIE_S = 120.0  # limit of a search
 GUIDED_S = 3.0  # on the ground in GUIDED
@@ -57,13 +67,43 @@ class Lie:
 
 
 class Liar:
-    """Remembers the values of one sensor. Values are metres."""
+    """Remembers the values of one sensor. Values are metres. `home_m`: altitude of the take-off point."""
 
-    def __init__(self, lie: Lie | None) -> None:
+    def __init__(self, lie: Lie | None, home_m: float) -> None:
         self.lie = lie
+        self._home_m = home_m
         self._random = random.Random(lie.seed if lie else 0)
         self._past: list[tuple[float, float]] = []
         self._away_until = self._here_until = 0.0
+
+    def changed(self, message: Any, now: float, up: float, height: float) -> Any:
+        """Return the message with the lie; None: it is not sent.
+
+        `up`, `height`: of the vehicle above the take-off point and above the ground.
+        """
+        msgid = type(message).id
+        if (sensor := _SENSORS.get(msgid)) is None:
+            return message
+        altitude = getattr(message, "alt", 0) / 1e3 - self._home_m
+        true = {"rangefinder": height, "barometer": up, "altitude": altitude, "gps": altitude}[sensor]
+        if msgid == _NED:
+            true = -message.z
+        if (metres := self.value(sensor, now, true)) is None:
+            return None
+        if msgid == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
+            cm = max(0, min(round(100 * metres), round(100 * RANGE_M) + 50))
+            message.current_distance, message.max_distance = cm, round(100 * RANGE_M)
+        elif msgid == dialect.MAVLINK_MSG_ID_RANGEFINDER:
+            message.distance = metres
+        elif sensor == "barometer":
+            message.press_abs *= math.exp((up - metres) / SCALE_M)
+        elif msgid == _NED:
+            message.z = -metres
+        else:
+            message.alt += round((metres - true) * 1e3)
+            if sensor == "altitude":
+                message.relative_alt += round((metres - true) * 1e3)
+        return message
 
     def value(self, sensor: str, now: float, true: float) -> float | None:
         """The value that is reported. None: no message."""
@@ -108,7 +148,7 @@ class LyingLink:
         self._link = link
         self._now = now
         self._ground = ground
-        self._liar = Liar(lie)
+        self._liar = Liar(lie, HOME[2])
         self._parser, self._encoder = Parser(), Encoder(1, 1)
         self.true: Callable[[], tuple[float, float, float]] = lambda: (0.0, 0.0, 0.0)
 
@@ -118,36 +158,10 @@ class LyingLink:
     def write(self, data: bytes) -> bool:
         out = b""
         for packet in self._parser.feed(data):
-            message = self._changed(decode(packet))
+            north, east, up = self.true()
+            message = self._liar.changed(decode(packet), self._now(), up, up - self._ground(north, east))
             out += self._encoder.pack(message) if message is not None else b""
         return bool(self._link.write(out)) if out else True
-
-    def _changed(self, message: Any) -> Any:
-        """The message with the lie; None: it is not sent."""
-        now, said, msgid = self._now(), self._liar.value, type(message).id
-        if msgid == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
-            north, east, up = self.true()
-            metres = said("rangefinder", now, up - self._ground(north, east))
-            if metres is None:
-                return None
-            cm = max(0, min(round(100 * metres), round(100 * RANGE_M) + 50))
-            message.current_distance, message.max_distance = cm, round(100 * RANGE_M)
-        elif msgid == dialect.MAVLINK_MSG_ID_SCALED_PRESSURE:
-            up = self.true()[2]
-            metres = said("barometer", now, up)
-            if metres is None:
-                return None
-            message.press_abs *= math.exp((up - metres) / SCALE_M)
-        elif msgid in (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT):
-            ours = msgid == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-            up = message.alt / 1e3 - 1650.0
-            metres = said("altitude" if ours else "gps", now, up)
-            if metres is None:
-                return None
-            message.alt = round((1650.0 + metres) * 1e3)
-            if ours:
-                message.relative_alt = round(metres * 1e3)
-        return message
 
 
 class Report(NamedTuple):

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -23,14 +24,15 @@ from arva_hil.model.field import LocalFrame
 from tools.sitl.relay import orders, orders_landing, run_as_others, tells_mode
 from tools.sitl.simulator import HOME, Simulator, wait
 
-Buried = dict[int, list[float]]  # transmitters: NED from home, by id
+Buried = dict[int, Sequence[float]]  # transmitters: NED from home, by id
 
 TOUCHED_M: Final = 0.05
 APART_S: Final = 0.4  # between two set-points
 LEAST_M: Final = 0.3  # a hovering vehicle is higher
 BEGINS: Final = "the search begins"
 ENDS: Final = r"descending to|; landing|\| landing \||; hovering|taken over|pilot has"
-SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle", "joystick")  # is due in these
+FREE: Final = ("anywhere", "busy")
+SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle", "joystick", "other")  # is due in these
 
 
 class Program:
@@ -132,19 +134,31 @@ class Flight:
 
 
 def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | None, buried: Buried) -> None:
-    relay, places = simulator.relay, simulator.places
+    """Complete a flight. `acted`: the time when the pilot or another one has acted."""
     flight.code = search.process.poll()
     with contextlib.suppress(ValueError):
         outcome = json.loads(search.out)
         flight.outcome, flight.how = outcome["outcome"], outcome["how"]
         found = outcome["victims"] or ([outcome["found"] | {"id": outcome["id"]}] if outcome["found"] else [])
-        flight.reported_m = max(
-            (off(one["lat_lon"][0], one["lat_lon"][1], {one["id"]: buried[one["id"]]}) for one in found), default=None
-        )
-    landing = next((n.time_s for n in relay.notes if n.up and orders_landing(n.message)), math.inf)
-    begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted or math.inf, landing)
+        errors = [off(one["lat_lon"][0], one["lat_lon"][1], {one["id"]: buried[one["id"]]}) for one in found]
+        flight.reported_m = max(errors, default=None)
     flight.time_s = (search.lines[-1][0] if search.lines else 0.0) - search.began
-    flight.disarmed = not relay.armed
+    flight.disarmed = not simulator.relay.armed
+    _judge_way(flight, simulator, search, acted or math.inf, buried)
+    low = flight.lowest_m is not None and flight.lowest_m < flight.height_m / 2
+    if flight.kind in FREE:
+        flight.good = flight.code == 0 and flight.disarmed and not low and flight.apart_s <= APART_S
+    elif flight.kind in ("lie", "fence"):
+        flight.good = flight.code in (0, 1) and flight.disarmed and not low
+    elif acted is not None:
+        _judge_orders(flight, simulator, acted)
+
+
+def _judge_way(flight: Flight, simulator: Simulator, search: Program, acted: float, buried: Buried) -> None:
+    """Judge the true places, and the times of the set-points."""
+    notes, places = simulator.relay.notes, simulator.relay.places
+    landing = next((n.time_s for n in notes if n.up and orders_landing(n.message)), math.inf)
+    begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted, landing)
     heights = dict(zip(places, simulator.heights(places), strict=True))
     with (Path(flight.folder) / "truth.csv").open("w") as file:
         for place in places:
@@ -158,29 +172,23 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
         flight.touchdown_m = off(touched.lat, touched.lon, buried)
         flight.standing_m = heights[places[-1]]
         kind = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-        estimates = [n.message for n in relay.notes if type(n.message).id == kind and n.time_s <= touched.time_s]
+        estimates = [n.message for n in notes if type(n.message).id == kind and n.time_s <= touched.time_s]
         flight.stands_m = off(estimates[-1].lat / 1e7, estimates[-1].lon / 1e7, buried) if estimates else None
     target = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-    times = [n.time_s for n in relay.notes if n.up and type(n.message).id == target]
+    times = [n.time_s for n in notes if n.up and type(n.message).id == target]
     flight.apart_s = max((b - a for a, b in pairwise(times)), default=0.0)
-    low = flight.lowest_m is not None and flight.lowest_m < flight.height_m / 2
-    if flight.kind in ("anywhere", "busy"):
-        flight.good = flight.code == 0 and flight.disarmed and not low and flight.apart_s <= APART_S
-        return
-    if flight.kind in ("lie", "fence"):
-        flight.good = flight.code in (0, 1) and flight.disarmed and not low
-        return
-    if acted is None:
-        return
-    words = (
-        n.time_s for n in relay.notes if n.time_s > acted and not n.up and tells_mode(n.message) == simulator.pilots
-    )
-    word = next(words, None)
-    after = [n for n in relay.notes if n.up and n.time_s > acted]
+
+
+def _judge_orders(flight: Flight, simulator: Simulator, acted: float) -> None:
+    """Judge what the search has ordered since the pilot or another vehicle has come."""
+    relay, other = simulator.relay, flight.kind == "other"
+    since = [n for n in relay.notes if n.time_s > acted]
+    after = [n for n in since if n.up]
     flight.modes = [int(m.param2) for _, _, m in after if getattr(m, "command", 0) == dialect.MAV_CMD_DO_SET_MODE]
     flight.modes += [-21 for _, _, m in after if getattr(m, "command", 0) == dialect.MAV_CMD_NAV_LAND]
     if flight.kind in SILENCE:
-        flight.kept = relay.mode == simulator.pilots
+        words = (n.time_s for n in since if not n.up and (other or tells_mode(n.message) == simulator.pilots))
+        word = next(words, None)
         if word is None:
             flight.problem = "the vehicle never said the pilot's mode"
             return
@@ -191,12 +199,12 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
         late = [n for n in behind if n.time_s > word + BOUND_MS / 1e3]
         flight.late = sum(orders(n.message) for n in late)
         flight.words = dict(Counter(n.message.get_type() for n in late if not orders(n.message)))
+        flight.kept = not flight.late if other else relay.mode == simulator.pilots
         flight.good = flight.kept and not flight.late and flight.code == 1
     elif flight.kind in ("stop", "descent"):
         flight.kept = relay.mode == simulator.still and relay.armed
-        flight.good = (
-            flight.kept and flight.code == 130 and flight.standing_m is not None and flight.standing_m > LEAST_M
-        )
+        hovers = flight.standing_m is not None and flight.standing_m > LEAST_M
+        flight.good = flight.kept and flight.code == 130 and hovers
     else:
         flight.good = flight.code == 130 and flight.disarmed
 
