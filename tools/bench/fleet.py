@@ -30,16 +30,16 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import vehicle_setups
 from arva_hil.links import Link, open_link
 from arva_hil.links.udp import UdpInLink
-from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.codec import Encoder
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
 from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
+from tools.bench.stream import POSE_HZ, packets
 from tools.bench.table import Row, ratio
 
-POSE_HZ: Final = 50
 FRAMES_HZ: Final = 10
 _WARM_S: Final = 2.0
 _LATE_MS: Final = 5.0  # p99
@@ -196,28 +196,12 @@ def _watch(port: int, pages: int, until: float) -> None:
         time.sleep(_POLL_S / pages)
 
 
-def _packets(encoder: Encoder, n: int) -> bytes:
-    """Return the packets of instant `n` / 50 s, on a circle."""
-    t = n / POSE_HZ
-    north, east = 20 * np.cos(t / 10), 20 * np.sin(t / 10)
-    ms, lat, lon = round(1e3 * t) + 1000, round(460123000 + north * 90), round(77456000 + east * 129)
-    vn, ve = round(-200 * np.sin(t / 10)), round(200 * np.cos(t / 10))
-    position = dialect.MAVLink_global_position_int_message(ms, lat, lon, 1650000, 0, vn, ve, 0, 0)
-    attitude = dialect.MAVLink_attitude_message(ms, 0.01, 0.02, t / 10 % 3.0, 0.0, 0.0, 0.1)
-    data = encoder.pack(position) + encoder.pack(attitude)
-    if n % POSE_HZ == 0:
-        data += encoder.pack(dialect.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3))
-        home = dialect.MAVLink_home_position_message(460123000, 77456000, 1650000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
-        data += encoder.pack(home)
-    return data
-
-
 def _play(count: int, seconds: float, ours: Any) -> None:
     """Play the far end: every vehicle's poses, spread over the period, and a reader of all frames."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     ticks = round((seconds + _WARM_S + 2) * POSE_HZ)
     encoders = [Encoder(1 + system % 250, 1) for system in range(1, count + 1)]
-    bodies = [[_packets(encoder, n) for n in range(ticks)] for encoder in encoders]
+    bodies = [[packets(encoder, n) for n in range(ticks)] for encoder in encoders]
     ports = ours.recv()
     frames_in = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     frames_in.bind(("127.0.0.1", 0))

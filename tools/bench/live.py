@@ -3,38 +3,50 @@
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Final
 
-from tools.bench.alone import WARM_S
-from tools.bench.flight import Motion, playing
+from arva_hil.links.pty import PtyLink
+from tools.bench.stream import playing
 from tools.bench.table import Row, ratio
-from tools.bench.timing import figure_of
+from tools.bench.timing import COMMAND
 
 _TURNS: Final = 4  # ours and the peer's in turn, so that both have the same load of the machine
+_WARM_S: Final = 3.0  # the time of a start is another row
 
 _READ = """
-import sys, time
+import sys
 from pymavlink import mavutil
 link = mavutil.mavlink_connection(sys.argv[1])
-def read(seconds):
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        link.recv_match(blocking=True, timeout=0.5)
-read(float(sys.argv[2]))
-start = time.process_time()
-read(float(sys.argv[3]))
-print(time.process_time() - start)
+while True:
+    link.recv_match(blocking=True, timeout=0.5)
 """
 
 
 def rows(options: argparse.Namespace) -> Iterator[Row]:
-    seconds, motion = options.seconds, Motion(options.flight)
     ours, peer = list[float](), list[float]()
-    for _ in range(_TURNS):
-        with playing(motion, seconds + 9) as device:
-            ours.append(figure_of("-m", "tools.bench.alone", device, "10", str(seconds)))
-        with playing(motion, seconds + 9) as device:
-            peer.append(figure_of("-c", _READ, device, str(WARM_S), str(seconds)))
+    with closing(PtyLink()) as port:
+        run = [*COMMAND, "run", "--port", port.path, "--rate", "10", "--autopilot"]
+        for _ in range(_TURNS):
+            ours.append(_cpu_of_process(run, options.seconds))
+            peer.append(_cpu_of_process([sys.executable, "-c", _READ], options.seconds))
     work = "live, 50 Hz pose in, 10 Hz frames out: its CPU"
     yield ratio(work, "pymavlink, only reading", min(ours), min(peer), "s", 1.3)
+
+
+def _cpu_of_process(command: list[str], seconds: float) -> float:
+    """Return the CPU time [s] of a process that follows the flight, without its start."""
+    with playing(_WARM_S + seconds + 5) as device:
+        process = subprocess.Popen([*command, device], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        clock = ~process.pid << 3 | 2  # clock_getcpuclockid of Linux
+        time.sleep(_WARM_S)
+        before = time.clock_gettime(clock)
+        time.sleep(seconds)
+        taken = time.clock_gettime(clock) - before
+        process.kill()
+        process.wait()
+    return taken

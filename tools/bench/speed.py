@@ -29,7 +29,6 @@ def _rows(group: str, options: argparse.Namespace) -> Iterator[Row]:
 _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     name: partial(_rows, name) for name in ("model", "streams", "live", "loops", "starts", "fleet")
 }
-_NEED_FLIGHT = ("streams", "live", "starts")
 _LEAST_S = 5.0  # shortest live flight, without its start
 
 
@@ -44,7 +43,7 @@ def main() -> int:
     groups = options.groups or list(_GROUPS)
     if unknown := [name for name in groups if name not in _GROUPS]:
         parser.error(f"{unknown[0]}: no such group; there are {', '.join(_GROUPS)}")
-    if options.flight is None and any(name in _NEED_FLIGHT for name in groups):
+    if options.flight is None and "streams" in groups:
         parser.error("--flight: which recorded flight?")
     if options.flight is not None and not options.flight.is_file():
         parser.error(f"--flight: {options.flight}: no such file")
