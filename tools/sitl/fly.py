@@ -2,7 +2,7 @@
 
     python -m tools sitl fly …/build/sitl/bin/arducopter anywhere --runs 10
     python -m tools sitl fly …/build/px4_sitl_default/bin/px4 climb search end pause stop landing -- --height 3
-    python -m tools sitl fly vehicle climb end pause other --runs 50 --jobs 3
+    python -m tools sitl fly vehicle --runs 50 --jobs 3
 
 Each flight has a simulator of its own, `run`, `search`, and a relay between search and simulator that notes the time
 of each message. `vehicle` is the built-in one. With a pilot the seed draws its modes, ArduPilot's or PX4's, and its
@@ -65,6 +65,7 @@ HEIGHT_M: Final = 3.0  # the default
 LIMIT_S: Final = 8.0  # of a search that is to end by itself
 PATIENCE_S: Final = 420.0
 AFTERWARDS_S: Final = 5.0
+PILOTS: Final = ("climb", "end", "pause", "other")
 KINDS: Final = (*FREE, *SILENCE, "stop", "descent", "landing", "lie", "fence")
 LIES: Final = (
     *(("rangefinder", "offset", size) for size in (5.0, 2.0)),
@@ -247,7 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     at = words.index("--") if "--" in words else len(words)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("binary", type=lambda name: Path(name).resolve())
-    parser.add_argument("kinds", nargs="+", choices=KINDS)
+    parser.add_argument("kinds", nargs="*", choices=KINDS, help=f"default {' '.join(PILOTS)}")
     parser.add_argument("--runs", type=int, default=3, metavar="N", help="of each kind; default 3")
     parser.add_argument("--seed", type=int, default=1, help="of the first run of each kind")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="flights of the built-in vehicle at a time")
@@ -260,6 +261,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--folder", type=Path, help="for all files; default: a new one")
     options = parser.parse_args(words[:at])
     options.options = words[at + 1 :]
+    options.kinds = options.kinds or PILOTS
     others = options.binary.name != "vehicle"
     if (options.slope or options.rangefinder) and options.binary.name != "arducopter":
         parser.error("--slope and --rangefinder are for arducopter")
