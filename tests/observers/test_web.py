@@ -61,6 +61,7 @@ from arva_hil.observers.web.state import State
 from arva_hil.observers.web.viewer import RecordedState
 from arva_hil.records.reading import load
 from firmware_proto import Channel, Frame
+from tests.made_records import write_search
 
 HOME = (46.0, 7.0, 1650.0)
 
@@ -539,6 +540,13 @@ def test_the_log_of_a_search_alone(record: Path) -> None:
     assert document["transmitters"] == []
     assert document["search"]["found"]["place"] == pytest.approx([20.0, 5.0], abs=0.5)
     assert document["receivers"][0]["points"][-1][7][0][0] == 1
+
+
+def test_a_search_without_news_has_its_readings_of_every_time(tmp_path: Path) -> None:
+    state = RecordedState(load(write_search(tmp_path / "search")))
+    for time_s, count in ((0.0, 1), (3.3, 4), (2.5, 3), (5.0, 6)):
+        document = shown_at(state, time_s)
+        assert (document["at"], len(document["receivers"][0]["points"])) == (time_s, count)
 
 
 @pytest.mark.parametrize(

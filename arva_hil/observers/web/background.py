@@ -25,10 +25,14 @@ Origin = tuple[float, float, float]
 
 
 class Background(NamedTuple):
-    """A picture, PNG, of `REACH_M` to each side of the map's origin. `about`: the distance of its contour lines."""
+    """A picture, PNG, of `REACH_M` to each side of the map's origin. `about`: the distance of its contour lines.
 
-    png: bytes
+    `source`: draws it once there is an origin.
+    """
+
+    png: bytes = b""
     about: str = ""
+    source: Source | None = None
 
 
 Source = Callable[[Origin], Background]

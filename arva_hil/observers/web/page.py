@@ -11,7 +11,7 @@ from typing import Final
 from arva_hil.clock import RealClock
 from arva_hil.events import BytesSent, Event
 from arva_hil.observers.web.address import HostPort
-from arva_hil.observers.web.server import Server
+from arva_hil.observers.web.server import Server, Source
 from arva_hil.observers.web.state import State
 
 _UPDATE_S: Final = 0.1  # between updates while a browser is connected
@@ -38,7 +38,9 @@ class WebPage:
         self._clock = RealClock()
         self._asked_s: dict[int, float] = {}  # by the number of the connection
         self._drawn_s = -_FIELD_S
-        sources = {"/state.json": self._state_json, "/field.json": self._field_json, "/background.png": self._picture}
+        sources: dict[str, Source] = {"/state.json": self._state_json}
+        sources["/field.json"] = lambda query, client: state.field()
+        sources["/background.png"] = lambda query, client: state.background()
         self._server = Server(address, sources)
         self.address = self._server.address
         sys.setswitchinterval(_SWITCH_S)
@@ -82,24 +84,15 @@ class WebPage:
         while self._waiting:
             batch.append(self._waiting.popleft())
         try:
-            self._show(batch)
+            self.state.update(batch)
+            if (now := self._clock.now()) - self._drawn_s >= _FIELD_S:
+                self._drawn_s = now
+                self.state.draw_field()
         except Exception as error:  # the page continues with the next events
             self.state.fail(repr(error))
-
-    def _show(self, batch: list[Event]) -> None:
-        self.state.update(batch)
-        if (now := self._clock.now()) - self._drawn_s >= _FIELD_S:
-            self._drawn_s = now
-            self.state.draw_field()
 
     def _state_json(self, query: Mapping[str, str], client: int) -> bytes:
         since = query.get("since", "")
         with self._lock:
             self._asked_s[client] = self._clock.now()
             return self.state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
-
-    def _picture(self, query: Mapping[str, str], client: int) -> bytes:
-        return self.state.background()
-
-    def _field_json(self, query: Mapping[str, str], client: int) -> bytes:
-        return self.state.field()

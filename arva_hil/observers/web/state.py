@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import secrets
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.events import DatumSet, Event, FrameMade, PacketsReceived, StatusReport
@@ -38,6 +40,20 @@ class _ShownReceiver:
         self.down_m: float | None = None  # in the map
 
 
+@dataclass
+class _Course:
+    """The course of a run. `start_s`: on the driver's clock; `ended`: the result, "" before the end.
+
+    `hidden`: the truth is left out until the end.
+    """
+
+    hidden: bool
+    start_s: float | None = None
+    time_s: float = 0.0
+    ended: str = ""
+    failed: bool = False
+
+
 class State:
     """Remembers the content of the page. `update` takes events, `document` makes the JSON; only one thread at a time.
 
@@ -63,13 +79,11 @@ class State:
         hidden: bool = False,
     ) -> None:
         self.version = 1
-        self._hidden = hidden
-        self._draw_background = background
-        self._background: Background | None = None
+        self._course = _Course(hidden)
+        self._background = Background(source=background)
         self.health = Health(dict(asked_hz or {}), dict(links or {}))
         self.places = Places()
-        self._alone = kind == "search"  # without an emulator: frames and vehicles are the searches' own
-        self._about = {
+        self._about: dict[str, Any] = {
             "run": secrets.token_hex(4),
             "kind": kind,
             "title": title,
@@ -80,16 +94,11 @@ class State:
         if datum is not None:
             self.places.put("", *datum)
         self.is_named = named
-        self.head: dict[str, Any] = {}  # of documents, more
-        self._start_s: float | None = None  # of the run, on the driver's clock
-        self._time_s = 0.0
-        self._ended = ""
-        self._failed = False
         self._receivers: dict[Key, _ShownReceiver] = {}
         self._events = TextHistory(_MOST_EVENTS, 0)
         self._searches: dict[str, SearchView] = {}  # by vehicle, "" where there is one only
         self._truth = TransmitterView(self.places, kappa_eq)
-        self._documents: dict[int, bytes] = {}
+        self._documents = functools.lru_cache(_KEPT)(self._make)
 
     # -- in ------------------------------------------------------------------------------------------------
 
@@ -101,17 +110,17 @@ class State:
         self._new_version()
         frames: dict[Key, list[Event]] = {}
         for event in batch:
-            by_search = isinstance(event, FromSearch)
             name, inner = (event.vehicle, event.event) if isinstance(event, FromSearch) else ("", event)
+            # without an emulator frames and vehicles are the searches' own
+            is_own = inner is event or self._about["kind"] == "search"
             if isinstance(inner, PacketsReceived):
                 self.health.observe(inner)
             elif isinstance(inner, FrameMade):
                 frames.setdefault((inner.vehicle, inner.receiver), []).append(inner)
-            elif isinstance(inner, FrameHeard):
-                if self._alone or not by_search:
-                    frames.setdefault((name or "vehicle", "receiver"), []).append(inner)
-            else:
-                self._take(event, inner, name, by_search)
+            elif not isinstance(inner, FrameHeard):
+                self._take(event, inner, name, is_own)
+            elif is_own:
+                frames.setdefault((name or "vehicle", "receiver"), []).append(inner)
         for key, made in frames.items():
             self._take_frames(key, made)
 
@@ -127,29 +136,33 @@ class State:
         self.health.forget()
         self._searches.clear()
         self._events = TextHistory(_MOST_EVENTS, 0)
-        self._time_s = 0.0
+        self._course.time_s = 0.0
         self._new_version()
 
     def end(self, how: str, *, failed: bool = False) -> None:
         """End the run with its result. `failed`: the run has failed."""
-        self._ended, self._failed, self._hidden = one_line(how), failed, False
+        course = self._course
+        course.ended, course.failed, course.hidden = one_line(how), failed, False
         self._new_version()
 
     def fail(self, why: str) -> None:
         """Report why something could not be displayed."""
         self._new_version()
-        line = f'[{jsons.number(self._time_s, 2)},"error",{jsons.text(f"the page could not display something: {why}")}]'
-        self._events.extend([line], self.version)
+        self._tell(self._course.time_s, Notice("error", f"the page could not display something: {why}"))
 
     def _new_version(self) -> None:
         self.version += 1
-        self._documents.clear()
+        self._documents.cache_clear()
 
-    def _take(self, event: Event, inner: Event, name: str, by_search: bool) -> None:
-        self._time_s = max(self._time_s, event.time_s)
+    def _tell(self, time_s: float, notice: Notice) -> None:
+        line = f"[{jsons.number(time_s, 2)},{jsons.text(notice.level)},{jsons.text(notice.text)}]"
+        self._events.extend([line], self.version)
+
+    def _take(self, event: Event, inner: Event, name: str, is_own: bool) -> None:
+        self._course.time_s = max(self._course.time_s, event.time_s)
         if isinstance(inner, DatumSet):
             self.places.put(inner.vehicle, inner.lat, inner.lon, inner.alt)
-        if self._alone or not by_search:
+        if is_own:
             self.health.observe(inner)
         if isinstance(inner, StatusReport):
             self._truth.observe(inner)
@@ -157,8 +170,7 @@ class State:
         if name in self._searches or len(self._searches) < _MOST_RECEIVERS:
             self._searches.setdefault(name, SearchView(self.places, name)).observe(inner)
         if (notice := self.notice_of(event)) is not None:
-            said = f"[{jsons.number(event.time_s - (self._start_s or 0.0), 2)},{jsons.text(notice.level)},"
-            self._events.extend([said + jsons.text(notice.text) + "]"], self.version)
+            self._tell(event.time_s - (self._course.start_s or 0.0), notice)
 
     def _take_frames(self, key: Key, frames: list[Event]) -> None:
         if key not in self._receivers and len(self._receivers) >= _MOST_RECEIVERS:
@@ -171,14 +183,14 @@ class State:
         texts = []
         for made in shown:
             if isinstance(made, FrameMade):
-                texts.append(jsons.point_of(made, offset, hidden=self._hidden))
+                texts.append(jsons.point_of(made, offset, hidden=self._course.hidden))
             elif isinstance(made, FrameHeard):
                 texts.append(self._point_of(made, key[0]))
         receiver.history.extend(texts, self.version)
         last = frames[-1]
-        self._time_s = max(self._time_s, last.time_s)
+        self._course.time_s = max(self._course.time_s, last.time_s)
         if isinstance(last, FrameMade):
-            self._start_s = last.time_s - last.late_s - last.instant_s
+            self._course.start_s = last.time_s - last.late_s - last.instant_s
             receiver.sent, receiver.faults = last.sent, last.faults
             receiver.down_m = None if last.pose is None else float(last.pose.position[2]) + offset[2]
 
@@ -194,17 +206,15 @@ class State:
     def draw_field(self) -> None:
         """Compute the lines of the field again if transmitters have moved, or the receiver has climbed."""
         downs = (receiver.down_m for receiver in self._receivers.values())
-        if not self._hidden and self._truth.draw(next((down for down in downs if down is not None), None)):
+        if not self._course.hidden and self._truth.draw(next((down for down in downs if down is not None), None)):
             self._new_version()
-
-        if self._draw_background and self.places.origin:
-            draw, self._draw_background = self._draw_background, None
-            self._background = draw(self.places.origin)
+        if self._background.source and self.places.origin:
+            self._background = self._background.source(self.places.origin)
             self._new_version()
 
     def background(self) -> bytes:
         """`/background.png`."""
-        return self._background.png if self._background else b""
+        return self._background.png
 
     def field(self) -> bytes:
         """Return `/field.json`."""
@@ -218,13 +228,7 @@ class State:
 
     def document(self, since: int = 0) -> bytes:
         """Return `/state.json`: the changes since version `since`; everything if that version is unknown or too old."""
-        if not 0 < since <= self.version:
-            since = 0
-        if since not in self._documents:
-            if len(self._documents) >= _KEPT:
-                self._documents.clear()
-            self._documents[since] = self._make(since)
-        return self._documents[since]
+        return self._documents(since if 0 < since <= self.version else 0)
 
     def _make(self, since: int) -> bytes:
         parts = {key: receiver.history.since(since) for key, receiver in self._receivers.items()}
@@ -239,29 +243,25 @@ class State:
                 f'"points":[{",".join(points)}]}}'
             )
         said = self._events.whole() if events is None else events
-        searches = {name: one.document(self._time_s, over=bool(self._ended)) for name, one in self._searches.items()}
+        course = self._course
+        searches = {name: one.document(course.time_s, over=bool(course.ended)) for name, one in self._searches.items()}
         head = {
             **self._about,
-            **self.head,
-            "known": self._about["known"] and not self._hidden,
+            "known": self._about["known"] and not course.hidden,
             "version": self.version,
             "full": full,
-            "time_s": round(self._time_s - (self._start_s or 0.0), 3),
-            "ended": self._ended,
-            "failed": self._failed,
+            "time_s": round(course.time_s - (course.start_s or 0.0), 3),
+            "ended": course.ended,
+            "failed": course.failed,
             "origin": self.places.origin,
-            "vehicles": self.health.vehicles(self._time_s),
+            "vehicles": self.health.vehicles(course.time_s),
             "links": self.health.links(),
             "search": searches.pop("", None),
             "team": [shown for shown in searches.values() if shown],
             "field": self._truth.version,
-            "background": {"reach_m": REACH_M, "about": self._background.about} if self._background else None,
+            "background": {"reach_m": REACH_M, "about": self._background.about} if self._background.png else None,
             "all_events": events is None,
         }
-        parts_of_body = {
-            "transmitters": "[]" if self._hidden else self._truth.text,
-            "events": f"[{','.join(said)}]",
-            "receivers": f"[{','.join(receivers)}]",
-        }
-        tail = "".join(f',"{name}":{part}' for name, part in parts_of_body.items())
-        return f"{jsons.dump(head)[:-1]}{tail}}}".encode()
+        transmitters = "[]" if course.hidden else self._truth.text
+        tail = f'"transmitters":{transmitters},"events":[{",".join(said)}],"receivers":[{",".join(receivers)}]'
+        return f"{jsons.dump(head)[:-1]},{tail}}}".encode()

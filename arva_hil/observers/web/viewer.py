@@ -26,9 +26,9 @@ from arva_hil.observers.web.health import USED, Health
 from arva_hil.observers.web.search_view import PHASES, SearchView
 from arva_hil.observers.web.state import Key, State
 from arva_hil.observers.web.truth import Places
-from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
+from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.records.reading.lines import RecordingError, mapping, number, text
-from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading.recording import NO_ID, received
 from arva_hil.records.reading.streams import packets
 
 _THINNED: Final = 3000  # readings that represent all
@@ -64,11 +64,8 @@ class RecordedState(State):
             self._receivers_of.setdefault(receiver.vehicle, []).append(receiver.receiver or ONE[1])
         self._packets = {vehicle: _health_packets(recording, vehicle) for vehicle in self._receivers_of}
         self._place(-math.inf)
-        self._columns: dict[Key, _ReadingTexts | _StepTexts] = {}
-        for receiver in recording.receivers:
-            self._columns[_key(receiver)] = _ReadingTexts(receiver, self._offsets(receiver))
-        if not recording.receivers and recording.search:
-            self._columns["vehicle", "receiver"] = _StepTexts(recording.search)
+        every = recording.receivers or ([received(recording.search)] if recording.search else [])
+        self._columns = {_key(one): _ReadingTexts(one, self._offsets(one)) for one in every}
 
     def document(self, since: int = 0) -> bytes:
         """See `State`. Returns everything if anything has changed."""
@@ -85,11 +82,14 @@ class RecordedState(State):
         self._shown_s = time_s
         self._place(time_s)
         now = bisect.bisect_right(self._news, time_s, key=lambda event: event.time_s)
-        self.update([*self._news[self._passed : now], *self._report(time_s)])
+        events = [*self._news[self._passed : now], *self._report(time_s)]
+        self.update(events)
+        if not events:  # of a search alone: other readings are a new version too
+            self._new_version()
         self._passed = now
         for key, column in self._columns.items():
             self.put(key, *column.until(time_s))
-        self.head = {"span": list(self.span_s), "at": time_s}
+        self._about |= {"span": list(self.span_s), "at": time_s}
         self.draw_field()
 
     def notice_of(self, event: Event) -> Notice | None:
@@ -239,28 +239,6 @@ class _ReadingTexts:
             f"[{','.join(slots)}]",
             int(r.sequence[i]),
         )
-
-
-class _StepTexts:
-    """The steps of a search alone in which a frame came, as JSON texts."""
-
-    def __init__(self, search: RecordedSearch) -> None:
-        received = np.flatnonzero(np.isfinite(search.d_cm))
-        chosen = [int(received[i]) for i in _some(len(received))]
-        self._times = [float(search.time_s[i]) for i in chosen]
-        self._made = [self._text(search, i) for i in chosen]
-
-    def until(self, time_s: float) -> tuple[int, list[str], Sequence[str], float | None]:
-        """See `_ReadingTexts`."""
-        count = bisect.bisect_right(self._times, time_s)
-        return count, self._made[:count], (), None
-
-    @staticmethod
-    def _text(search: RecordedSearch, i: int) -> str:
-        values = (search.id[i], search.zone[i], search.d_cm[i], search.delta_deg[i])
-        slot = ",".join(jsons.number(float(value), 0) for value in values)
-        place, heading = search.position[i].tolist(), float(search.heading_deg[i])
-        return jsons.point(float(search.time_s[i]), place, heading, None, None, f"[[{slot},null]]", i)
 
 
 def _some(count: int) -> list[int]:

@@ -109,6 +109,33 @@ class RecordedReceiver:
         return d_m, delta, zone, range_m
 
 
+def received(search: RecordedSearch) -> RecordedReceiver:
+    """Return the readings of a search alone: its steps with a frame, each with one slot."""
+    rows = np.flatnonzero(np.isfinite(search.d_cm))
+    nothing = np.full(len(rows), np.nan)
+    slots = np.nan_to_num([search.id, search.zone, search.d_cm, search.delta_deg], nan=NO_ID)[:, rows].astype(int)
+    return RecordedReceiver(
+        "",
+        "",
+        rows,
+        search.time_s[rows],
+        nothing,
+        search.position[rows],
+        np.stack([nothing, nothing, search.heading_deg[rows]], axis=1),
+        nothing,
+        np.stack([nothing] * 3, axis=1),
+        nothing,
+        np.arange(len(rows) + 1),
+        slots[0],
+        slots[1],
+        slots[2],
+        slots[3],
+        nothing,
+        ((),),
+        np.zeros(len(rows), int),
+    )
+
+
 Event = Mapping[str, Any]
 
 
