@@ -114,17 +114,17 @@ class Registry:
         try:
             with _current_folder():
                 if len(files := _files(module.partition(".")[0])) > 1:
-                    what = f"{self.what} {name!r}: there are {len(files)} modules of that name, {' and '.join(files)}"
-                    raise KindError(what, "rename yours, or take the other one out of PYTHONPATH")
+                    raise KindError(
+                        f"{self.what} {name!r}: there are {len(files)} modules of that name, {' and '.join(files)}",
+                        "rename yours, or take the other one out of PYTHONPATH",
+                    )
                 thing = importlib.import_module(module)
-        except ModuleNotFoundError as error:
-            if error.name is not None and (module == error.name or module.startswith(error.name + ".")):
-                cure = "install it, or run this where the file is"
-                raise KindError(f"{self.what} {name!r}: there is no module {error.name}", cure) from None
-            raise KindError(
-                f"{self.what} {name!r} cannot be imported ({_said(error)})", "fix the error and try again"
-            ) from error
         except (Exception, SystemExit) as error:
+            missing = error.name if isinstance(error, ModuleNotFoundError) else None
+            if missing and f"{module}.".startswith(f"{missing}."):
+                raise KindError(
+                    f"{self.what} {name!r}: there is no module {missing}", "install it, or run this where the file is"
+                ) from None
             raise KindError(
                 f"{self.what} {name!r} cannot be imported ({_said(error)})", "fix the error and try again"
             ) from error

@@ -7,7 +7,6 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Any, Final, Literal, Self
 
 import numpy as np
@@ -85,19 +84,19 @@ class Bench:
         self._commands: Link | None = None
         self._vehicle: PathVehicle | SimulatedVehicle
         if autopilot is None:
-            rate_hz = self.scenario.receiver.rate_hz
-            self._vehicle = PathVehicle(home, boot_time=_BOOTED_S, start=0.0, rate_hz=rate_hz)
+            self._vehicle = PathVehicle(home, boot_time=_BOOTED_S, start=0.0, rate_hz=self.scenario.receiver.rate_hz)
         else:
             self._vehicle = SimulatedVehicle(home, boot_time=_BOOTED_S, seed=self.scenario.seed)
             self._commands = open_link(autopilot, clock=self._clock)
-        session = Session(passive=autopilot is None)
-        receiver = ReceiverSetup("receiver", "port", self.scenario, faults_change=True)
-        self._emulator = Emulator(
-            [VehicleSetup("vehicle", "autopilot", session, self.scenario, [receiver])], start=0.0, tell_status=False
+        vehicle = VehicleSetup(
+            "vehicle",
+            "autopilot",
+            Session(passive=autopilot is None),
+            self.scenario,
+            [ReceiverSetup("receiver", "port", self.scenario, faults_change=True)],
         )
+        self._emulator = Emulator([vehicle], start=0.0, tell_status=False)
         (self._followed,) = self._emulator.vehicles
-        (self._unit,) = self._followed.units
-        self._mounting = Mounting(self.scenario)
         self._lock = threading.RLock()
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
@@ -164,7 +163,7 @@ class Bench:
     def power_cycle(self) -> None:
         """Switch the receiver off and on. It counts its frames from 0."""
         with self._lock:
-            self._unit.receiver.command(self.now(), "restart", ())
+            self._followed.units[0].receiver.command(self.now(), "restart", ())
 
     # the world
 
@@ -174,7 +173,7 @@ class Bench:
             now = self.now()
             motion = self._vehicle.truth(now)
             state = VehicleState(now, np.array(motion.ned), np.array(motion.velocity), motion.quaternion, 0.0)
-            pose = self._mounting.pose(state, now, swings=False)
+            pose = Mounting(self.scenario).pose(state, now, swings=False)
             there = self._followed.world.at(now).transmitters
             yaw_deg = math.degrees(rotation.heading(motion.quaternion)) % 360
             ranges = {id_: float(one) for id_, one in there.ranges(pose.position).items()} if pose else {}
@@ -225,7 +224,7 @@ class Bench:
     @property
     def counters(self) -> Counters:
         """The numbers of frames that were made, delivered, damaged, withheld and dropped."""
-        return self._unit.port.counters
+        return self._followed.units[0].port.counters
 
     # the end
 
@@ -243,16 +242,14 @@ class Bench:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # inside
 
     @property
     def _faults(self) -> Faults:
-        faults = self._unit.port.faults
+        faults = self._followed.units[0].port.faults
         assert faults is not None  # they may change
         return faults
 

@@ -113,21 +113,35 @@ def _candidates(name: str, text: str, wrong: Iterable[bytes]) -> Clause:
 
 def _of_channels() -> Iterator[Clause]:
     """Yield the clauses about the channels of a frame."""
-    typical = _one(7, Channel(3, 2, 85, 0), Channel(1, 1, 1250, -35), Channel(2, 1, 4020, 17), Channel())
-    yield _clause("whole", "Four channels, byte by byte", "a whole frame is printed, a line a channel", [typical])
-
-    frames = [_frames(1, n, n)[0] for n in range(1, MAX_CHANNELS + 1)]
-    yield _clause("channels", "Binary frame", "a frame has 1…16 channels", frames)
-
-    frames = [
-        _one(0, Channel(), Channel(5, 1, 900, 9), Channel(), Channel(6, 2, 200, 0)),
-        _one(1, Channel(7, 1, 901, 8)),
-    ]
-    yield _clause("slots", "Binary frame", "a slot keeps its number, also behind an empty one", frames)
-
-    ids = (0, 1, 127, 128, 164, 254, None)
     yield _clause(
-        "ids", "Binary frame", "an id is 0…254; 255 is none", [_one(0, *(Channel(i, 1, 700, 7) for i in ids))]
+        "whole",
+        "Four channels, byte by byte",
+        "a whole frame is printed, a line a channel",
+        [_one(7, Channel(3, 2, 85, 0), Channel(1, 1, 1250, -35), Channel(2, 1, 4020, 17), Channel())],
+    )
+
+    yield _clause(
+        "channels",
+        "Binary frame",
+        "a frame has 1…16 channels",
+        [_frames(1, n, n)[0] for n in range(1, MAX_CHANNELS + 1)],
+    )
+
+    yield _clause(
+        "slots",
+        "Binary frame",
+        "a slot keeps its number, also behind an empty one",
+        [
+            _one(0, Channel(), Channel(5, 1, 900, 9), Channel(), Channel(6, 2, 200, 0)),
+            _one(1, Channel(7, 1, 901, 8)),
+        ],
+    )
+
+    yield _clause(
+        "ids",
+        "Binary frame",
+        "an id is 0…254; 255 is none",
+        [_one(0, *(Channel(i, 1, 700, 7) for i in (0, 1, 127, 128, 164, 254, None)))],
     )
 
     channels = [
@@ -141,12 +155,20 @@ def _of_channels() -> Iterator[Clause]:
 
 def _of_values() -> Iterator[Clause]:
     """Yield the clauses about the values of a channel."""
-    channels = [Channel(1, 1, d, 3) for d in (1, 127, 128, 255, 256, 4660, 5000, 32767)]
-    yield _clause("distance", "Binary frame", "d is a little-endian int16 in centimetres", [_one(0, *channels)])
+    yield _clause(
+        "distance",
+        "Binary frame",
+        "d is a little-endian int16 in centimetres",
+        [_one(0, *(Channel(1, 1, d, 3) for d in (1, 127, 128, 255, 256, 4660, 5000, 32767)))],
+    )
 
     channels = [Channel(1, 1, 800, delta) for delta in (-1, 0, 1, -89, 89, -45, 17)]
-    text = "δ is signed, positive to the right; −1 is a direction where d > 0"
-    yield _clause("delta", "What a reading means", text, [_one(0, *channels), _one(1, channels[0])])
+    yield _clause(
+        "delta",
+        "What a reading means",
+        "δ is signed, positive to the right; −1 is a direction where d > 0",
+        [_one(0, *channels), _one(1, channels[0])],
+    )
 
     heard = Channel(1, 1, 1500, 20)
     silent = [
@@ -191,8 +213,11 @@ def _of_checks() -> Iterator[Clause]:
     yield _clause("checksum-bytes", "CRC", "each byte of a CRC may have any value", found)
 
     payload = encode(_one(99, Channel(9, 1, 999, 9)))[4:-2]
-    wrong = [_raw(version, 9, payload) for version in (0, 2, 3, 129, 255)]
-    yield _candidates("version", "frames of another version are refused", wrong)
+    yield _candidates(
+        "version",
+        "frames of another version are refused",
+        [_raw(version, 9, payload) for version in (0, 2, 3, 129, 255)],
+    )
 
     channel = bytes([9, 1, 231, 3, 9, 0])
     wrong = [_raw(1, 3, bytes([99, 1, 0])), _raw(1, 8, bytes([99, 1, 1]) + channel[:5])]
@@ -233,41 +258,53 @@ def _of_cuts() -> Iterator[Clause]:
 
     frames = _frames(3)
     data = b"\xa4" + encode(frames[0]) + b"\xa4\xa4" + encode(frames[1]) + b"\xa4\x57\xa4\x57\x01" + encode(frames[2])
-    text = "a sync byte before a frame costs no frame"
-    yield _clause("sync", _RULES, text, frames, data)
+    yield _clause("sync", _RULES, "a sync byte before a frame costs no frame", frames, data)
 
-    frames = [_one(164, Channel(164, 1, 0x57A4, 1)), _one(1, Channel(0xA4, 1, 0x0157, 9)), *_frames(1)]
-    yield _clause("inside", _RULES, "A4 57 may be inside a frame", frames)
+    yield _clause(
+        "inside",
+        _RULES,
+        "A4 57 may be inside a frame",
+        [_one(164, Channel(164, 1, 0x57A4, 1)), _one(1, Channel(0xA4, 1, 0x0157, 9)), *_frames(1)],
+    )
 
 
 def _of_false_heads() -> Iterator[Clause]:
     """Yield the clauses about false heads."""
     frames = _frames(6)
     data = _FALSE_HEAD + b"".join(map(encode, frames)) + bytes(8)
-    text = "a refused candidate costs one byte, not the frames in it"
-    yield _clause("resync", _RULES, text, frames, data)
+    yield _clause("resync", _RULES, "a refused candidate costs one byte, not the frames in it", frames, data)
 
     frames = _frames(2)
-    text = "a frame behind a false head comes 100 ms later, on a silent line too"
-    first = Step(_FALSE_HEAD + encode(frames[0]), 0.0, 1)
-    yield _clause("false-head", _RULES, text, frames, first, encode(frames[1]))
+    yield _clause(
+        "false-head",
+        _RULES,
+        "a frame behind a false head comes 100 ms later, on a silent line too",
+        frames,
+        Step(_FALSE_HEAD + encode(frames[0]), 0.0, 1),
+        encode(frames[1]),
+    )
 
     before, half, after = _frames(3)
     cut = len(encode(half)) // 2
-    text = "a candidate that is not whole after 100 ms is refused"
-    steps = (
+    yield _clause(
+        "pause",
+        _RULES,
+        "a candidate that is not whole after 100 ms is refused",
+        [before, after],
         Step(encode(before) + encode(half)[:cut], 0.0, 1),
         Step(b"", 0.4),
         Step(encode(half)[cut:] + encode(after), 0.0),
     )
-    yield _clause("pause", _RULES, text, [before, after], *steps)
 
 
 def _of_time() -> Iterator[Clause]:
     """Yield the clauses about time, gaps and the end."""
-    numbers = (5, 6, 9, 250, 255, 0, 1, 200, 0, 1)
-    frames = [_frames(1, 1, number)[0] for number in numbers]
-    yield _clause("sequence", "Lost frames", "frames are printed after gaps, at 255 → 0 and after a restart", frames)
+    yield _clause(
+        "sequence",
+        "Lost frames",
+        "frames are printed after gaps, at 255 → 0 and after a restart",
+        [_frames(1, 1, number)[0] for number in (5, 6, 9, 250, 255, 0, 1, 200, 0, 1)],
+    )
 
     first, second = _frames(2)
     yield _clause(
@@ -289,9 +326,9 @@ def _of_time() -> Iterator[Clause]:
     yield _clause("empty", _RULES, "without bytes there is no line", [], b"")
 
     frames = _frames(3)
-    last = Step(encode(frames[-1])[:7])
-    steps = (*(Step(encode(frame)) for frame in frames[:2]), last)
-    yield _clause("unplugged", "Timing", "the program ends when its port is unplugged", frames[:2], *steps, pty=True)
+    text = "the program ends when its port is unplugged"
+    whole = list(map(encode, frames))
+    yield _clause("unplugged", "Timing", text, frames[:2], *whole[:2], whole[2][:7], pty=True)
 
 
 def clauses() -> Iterator[Clause]:

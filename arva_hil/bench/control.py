@@ -8,15 +8,14 @@ import os
 import re
 import selectors
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from arva_hil.bench.bench import Bench
 from arva_hil.bench.ports import BenchError
 from arva_hil.clock import Clock, Waitable
 from arva_hil.errors import ArvaError
-from arva_hil.events import FrameMade
 from arva_hil.events.words.text import frame_json
 
 LONGEST_LINE: Final = 65536  # bytes
@@ -27,24 +26,25 @@ _LOOK_S: Final = 0.1
 _TCP: Final = re.compile(r"tcp:(127\.0\.0\.1|localhost):(\d{1,5})")
 
 
-class Key:
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+_FITS: Final[Mapping[str, Callable[[Any], bool]]] = {  # by the type of a key: True for a value of it
+    "string": lambda value: isinstance(value, str),
+    "number": _is_number,
+    "integer": lambda value: _is_number(value) and isinstance(value, int) and value >= 0,
+    "list of points": lambda value: (
+        isinstance(value, list) and all(isinstance(point, list) and all(map(_is_number, point)) for point in value)
+    ),
+}
+
+
+class Key(NamedTuple):
     """A key of a request: its JSON type, and whether a request must have it."""
 
-    def __init__(self, kind: str, *, needed: bool = True) -> None:
-        self.kind = kind
-        self.needed = needed
-
-    def fits(self, value: Any) -> bool:
-        """Return True for a value of the type."""
-        if self.kind == "string":
-            return isinstance(value, str)
-        if self.kind == "number":
-            return isinstance(value, int | float) and not isinstance(value, bool)
-        if self.kind == "integer":
-            return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-        return isinstance(value, list) and all(
-            isinstance(point, list) and all(Key("number").fits(one) for one in point) for point in value
-        )
+    kind: str
+    needed: bool = True
 
 
 _NED: Final = {name: Key("number") for name in ("north", "east", "down")}
@@ -97,7 +97,7 @@ def _parsed(line: bytes) -> tuple[str, dict[str, Any]]:
     for key, one in keys.items():
         if one.needed and key not in request:
             raise BenchError(f"{name}: no key {key!r}")
-        if key in request and not one.fits(request[key]):
+        if key in request and not _FITS[one.kind](request[key]):
             raise BenchError(f"{name}: {key} is {str(request[key])[:40]!r}, expected a {one.kind}")
     return name, request
 
@@ -115,14 +115,13 @@ def _do(bench: Bench, name: str, keys: Mapping[str, Any]) -> dict[str, Any]:
     if name == "frames":
         since = keys.get("since", 0)
         frames = bench.frames[since : since + MOST_FRAMES]
-        return {"frames": [_frame(one) for one in frames], "next": since + len(frames)}
+        made = [
+            {"number": one.number, "time_s": one.instant_s, "sent": one.sent, **frame_json(one.frame)} for one in frames
+        ]
+        return {"frames": made, "next": since + len(frames)}
     if name != "stop":
         getattr(bench, "place_vehicle" if name == "place" else name)(**keys)
     return {}
-
-
-def _frame(made: FrameMade) -> dict[str, Any]:
-    return {"number": made.number, "time_s": made.instant_s, "sent": made.sent, **frame_json(made.frame)}
 
 
 class ControlServer:
