@@ -103,9 +103,15 @@ class CommandParser(argparse.ArgumentParser):
         self._usual = flags.split()
         self.add_argument(_ALL, action="help", help="list all options and exit")
 
-    def group(self, title: str) -> None:
-        """Put the options that follow into a group of `--help-all`, if they are not usual."""
+    def options(self, *each: Adder) -> None:
+        """Add options."""
+        for add in each:
+            add(self)
+
+    def group(self, title: str, *each: Adder) -> None:
+        """Add options, in a group of `--help-all` if they are not usual; options that follow are in it as well."""
         self._group = self.add_argument_group(title)
+        self.options(*each)
 
     @property
     def arguments(self) -> Sequence[argparse.Action]:
@@ -204,6 +210,15 @@ class CommandParser(argparse.ArgumentParser):
             return f"; {flag} is an option of {' and '.join(commands)}"
         near = nearest(flag, self._option_string_actions)
         return f"; did you mean {near}?" if near else ""
+
+
+Adder = Callable[[CommandParser], None]
+"""Adds an option to a parser."""
+
+
+def option(names: str, help: str, *declared: Any, **more: Any) -> Adder:
+    """Return an option for `CommandParser.options`; the arguments are those of `CommandParser.option`."""
+    return lambda parser: parser.option(names, help, *declared, **more)
 
 
 def module_name(command: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from arva_hil.cli.options import CommandParser, number, whole
+from arva_hil.cli.options import CommandParser, number, option, whole
 from arva_hil.config.ranges import LARGEST_SEED
 
 
@@ -19,15 +19,19 @@ def campaign(parser: CommandParser) -> None:
         metavar="PLAN.yaml",
         help="plan of the campaign, or a built-in one such as builtin:campaigns/paper: see arva-hil scenarios",
     )
-    parser.option("--out DIR", "folder of the results and the report; default: PLAN-results")
-    parser.option("--jobs N", "number of processes; default: one for each core", whole(1, 1024))
-    parser.option("--scheduler tcp://HOST:PORT", "run on a Dask cluster instead", scheduler)
-    parser.option(
-        "--shard K/N", "fly only part K of N of the plan, every N-th seed; default folder: PLAN-results-K-of-N", shard
+    parser.options(
+        option("--out DIR", "folder of the results and the report; default: PLAN-results"),
+        option("--jobs N", "number of processes; default: one for each core", whole(1, 1024)),
+        option("--scheduler tcp://HOST:PORT", "run on a Dask cluster instead", scheduler),
+        option(
+            "--shard K/N",
+            "fly only part K of N of the plan, every N-th seed; default folder: PLAN-results-K-of-N",
+            shard,
+        ),
+        option("--merge DIR", "fly nothing: copy the results of these folders and write the report", nargs="+"),
+        option("--dry-run", "list the trials, without flying or writing"),
+        option("--json", "print a JSON object for each trial on stdout"),
     )
-    parser.option("--merge DIR", "fly nothing: copy the results of these folders and write the report", nargs="+")
-    parser.option("--dry-run", "list the trials, without flying or writing")
-    parser.option("--json", "print a JSON object for each trial on stdout")
 
 
 def range_test(parser: CommandParser) -> None:
@@ -37,32 +41,34 @@ def range_test(parser: CommandParser) -> None:
     of receivers: a single signal from farther away does not. With --out it also writes range-test.txt, .csv and .png
     to a folder.
     """
-    parser.option(
-        "--scenario FILE",
-        "scenario (YAML), or builtin:NAME, for its receivers and the strength of its first transmitter",
+    parser.options(
+        option(
+            "--scenario FILE",
+            "scenario (YAML), or builtin:NAME, for its receivers and the strength of its first transmitter",
+        ),
+        option("--seed N", "seed of the first walk", whole(0, LARGEST_SEED)),
+        option("--walks N", "walks in each coupling", whole(1, 1000), 10, environment=False),
+        option(
+            "--height M",
+            "height of the receiver above the transmitter",
+            number(0, 100, " of m"),
+            3.0,
+            environment=False,
+            dest="range_height",
+        ),
+        option(
+            "--speed M/S", "walking speed", number(0.1, 30, " of m/s"), 1.0, environment=False, dest="walking_speed"
+        ),
+        option(
+            "--stable S",
+            "a signal without a gap for this time is stable",
+            number(0, 1000, " of s"),
+            10.0,
+            environment=False,
+        ),
+        option("--out DIR", "folder for the data sheet and its picture"),
+        option("--json", "print the data sheet as a JSON object for each receiver"),
     )
-    parser.option("--seed N", "seed of the first walk", whole(0, LARGEST_SEED))
-    parser.option("--walks N", "walks in each coupling", whole(1, 1000), 10, environment=False)
-    parser.option(
-        "--height M",
-        "height of the receiver above the transmitter",
-        number(0, 100, " of m"),
-        3.0,
-        environment=False,
-        dest="range_height",
-    )
-    parser.option(
-        "--speed M/S", "walking speed", number(0.1, 30, " of m/s"), 1.0, environment=False, dest="walking_speed"
-    )
-    parser.option(
-        "--stable S",
-        "a signal without a gap for this time is stable",
-        number(0, 1000, " of s"),
-        10.0,
-        environment=False,
-    )
-    parser.option("--out DIR", "folder for the data sheet and its picture")
-    parser.option("--json", "print the data sheet as a JSON object for each receiver")
 
 
 def conform(parser: CommandParser) -> None:
@@ -72,12 +78,14 @@ def conform(parser: CommandParser) -> None:
     its input ends:
     {"seq": 0, "slot": 1, "id": 1, "zone": 1, "d_cm": 1905, "delta_deg": 22}
     """
-    parser.option("--junit FILE", "write the results as JUnit XML, too")
-    parser.option("--list", "list the clauses, and judge nothing")
-    parser.option("--only CLAUSE", "judge this clause; may be given again", str, action="append")
-    parser.option("--pty", "the command opens the port named in $ARVA_PORT, instead of reading stdin")
-    parser.option("--timeout S", "patience with the command", number(0.5, 600, " of s"), 5.0)
     parser.add_argument("command", metavar="COMMAND", nargs="*", help="the decoder and its arguments, after --")
+    parser.options(
+        option("--junit FILE", "write the results as JUnit XML, too"),
+        option("--list", "list the clauses, and judge nothing"),
+        option("--only CLAUSE", "judge this clause; may be given again", str, action="append"),
+        option("--pty", "the command opens the port named in $ARVA_PORT, instead of reading stdin"),
+        option("--timeout S", "patience with the command", number(0.5, 600, " of s"), 5.0),
+    )
 
 
 def check(parser: CommandParser) -> None:
@@ -86,18 +94,20 @@ def check(parser: CommandParser) -> None:
     Prints every mistake with line and column, or a summary.
     """
     parser.add_argument("files", nargs="*", metavar="FILE", help="scenario, plan of a campaign or profile (YAML)")
-    parser.option(
-        "--schema",
-        "print the JSON Schema of these files for editors instead; default: scenario",
-        environment=False,
-        const="scenario",
-        choices=("scenario", "campaign", "receiver", "transmitter"),
+    parser.options(
+        option(
+            "--schema",
+            "print the JSON Schema of these files for editors instead; default: scenario",
+            environment=False,
+            const="scenario",
+            choices=("scenario", "campaign", "receiver", "transmitter"),
+        )
     )
 
 
 def scenarios(parser: CommandParser) -> None:
     """List the built-in scenarios and campaign plans. Use one with --scenario builtin:NAME."""
-    parser.option("--json", "print a JSON object for each file")
+    parser.options(option("--json", "print a JSON object for each file"))
 
 
 def completion(parser: CommandParser) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from arva_hil.cli.arguments import shared
-from arva_hil.cli.options import CommandParser, kind, number, whole
+from arva_hil.cli.options import CommandParser, kind, number, option, whole
 from arva_hil.config.ranges import LARGEST_SEED
 from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.registry import EXPORTS
@@ -15,11 +15,13 @@ def decode(parser: CommandParser) -> None:
     For another format, another vehicle in the same packets, or places that were surveyed later.
     """
     parser.add_argument("run", metavar="RECORD", help="folder of a record of `arva-hil record`")
-    parser.option("--out DIR", "folder to make", environment=False)
-    shared.add_format(parser, default="binary")
-    shared.add_surveyed(parser)
-    shared.add_target(parser)
-    shared.add_max_age(parser)
+    parser.options(
+        option("--out DIR", "folder to make", environment=False),
+        shared.format_option(default="binary"),
+        shared.SURVEYED,
+        *shared.TARGET,
+        shared.MAX_AGE,
+    )
 
 
 def compare(parser: CommandParser) -> None:
@@ -31,10 +33,12 @@ def compare(parser: CommandParser) -> None:
     """
     parser.add_argument("run", metavar="RECORD", help="folder of a record")
     parser.add_argument("other", nargs="?", metavar="RECORD2", help="another record")
-    parser.option("--scenario FILE", "scenario (YAML) of the emulator, or builtin:NAME")
-    parser.option("--seed N", "seed of the emulator's noise", whole(0, LARGEST_SEED))
-    parser.option("--out FILE", "picture to write, .png, .svg or .pdf; needs matplotlib")
-    parser.option("--json", "print a JSON object for each transmitter")
+    parser.options(
+        option("--scenario FILE", "scenario (YAML) of the emulator, or builtin:NAME"),
+        option("--seed N", "seed of the emulator's noise", whole(0, LARGEST_SEED)),
+        option("--out FILE", "picture to write, .png, .svg or .pdf; needs matplotlib"),
+        option("--json", "print a JSON object for each transmitter"),
+    )
 
 
 def fit(parser: CommandParser) -> None:
@@ -45,18 +49,20 @@ def fit(parser: CommandParser) -> None:
     does not fit, the command says why, and exits with 1. Needs scipy: pip install 'arva-hil[fit]'.
     """
     parser.add_argument("records", nargs="+", metavar="RECORD", help="folder of a record")
-    parser.option(
-        "--model NAME",
-        "receiver model: paper, pulsed, rssi; default paper",
-        environment=False,
-        default="paper",
-        choices=("paper", "pulsed", "rssi"),
+    parser.options(
+        option(
+            "--model NAME",
+            "receiver model: paper, pulsed, rssi; default paper",
+            environment=False,
+            default="paper",
+            choices=("paper", "pulsed", "rssi"),
+        ),
+        option("--out PROFILE.yaml", "profile to write", environment=False),
+        option("--scenario-out FILE", "also write a scenario with the transmitters", environment=False),
+        option("--gps-sigma M", "standard deviation of the reported position on each axis", number(0, 20), 1.5),
+        option("--gps-tau S", "correlation time of its error", number(1, 10_000, " of s"), 60.0),
+        option("--json", "print a JSON object"),
     )
-    parser.option("--out PROFILE.yaml", "profile to write", environment=False)
-    parser.option("--scenario-out FILE", "also write a scenario with the transmitters", environment=False)
-    parser.option("--gps-sigma M", "standard deviation of the reported position on each axis", number(0, 20), 1.5)
-    parser.option("--gps-tau S", "correlation time of its error", number(1, 10_000, " of s"), 60.0)
-    parser.option("--json", "print a JSON object")
 
 
 def report(parser: CommandParser) -> None:
@@ -67,7 +73,7 @@ def report(parser: CommandParser) -> None:
     """
     parser.add_argument("run", metavar="RUN", help="folder of a record, or a folder with records in it")
     parser.add_argument("other", nargs="?", metavar="RUN2", help="another record, to compare")
-    parser.option("--out FILE", "the page; default: report.html in RUN; - is stdout")
+    parser.options(option("--out FILE", "the page; default: report.html in RUN; - is stdout"))
 
 
 def plot(parser: CommandParser) -> None:
@@ -78,31 +84,33 @@ def plot(parser: CommandParser) -> None:
     install 'arva-hil[plots]'.
     """
     parser.add_argument("run", metavar="RUN", help="folder of a record or of a campaign's results")
-    parser.option(
-        "--out DIR|FILE",
-        "folder for one file per picture, or a file name that ends with .png, .svg or .pdf for one sheet; "
-        "default: the folder RUN/plots",
+    parser.options(
+        option(
+            "--out DIR|FILE",
+            "folder for one file per picture, or a file name that ends with .png, .svg or .pdf for one sheet; "
+            "default: the folder RUN/plots",
+        ),
+        option(
+            "--format",
+            "format of the pictures in a folder; default png",
+            environment=False,
+            dest="picture_format",
+            choices=("png", "svg", "pdf"),
+        ),
+        option(
+            "--paper",
+            "pictures for a paper: PDF, 3.5 inches wide, 8 points, embedded TrueType fonts, no titles",
+            environment=False,
+        ),
+        option(
+            "--size INCHES",
+            "width of a picture, e.g. 7.16 for both columns",
+            number(1, 20, " of inches"),
+            environment=False,
+        ),
+        option("--dpi N", "resolution of PNG", whole(50, 1200), environment=False),
+        option("--latex", "of a campaign also the table, table.tex, for LaTeX with booktabs", environment=False),
     )
-    parser.option(
-        "--format",
-        "format of the pictures in a folder; default png",
-        environment=False,
-        dest="picture_format",
-        choices=("png", "svg", "pdf"),
-    )
-    parser.option(
-        "--paper",
-        "pictures for a paper: PDF, 3.5 inches wide, 8 points, embedded TrueType fonts, no titles",
-        environment=False,
-    )
-    parser.option(
-        "--size INCHES",
-        "width of a picture, e.g. 7.16 for both columns",
-        number(1, 20, " of inches"),
-        environment=False,
-    )
-    parser.option("--dpi N", "resolution of PNG", whole(50, 1200), environment=False)
-    parser.option("--latex", "of a campaign also the table, table.tex, for LaTeX with booktabs", environment=False)
 
 
 def export(parser: CommandParser) -> None:
@@ -111,14 +119,16 @@ def export(parser: CommandParser) -> None:
     RUN is a folder that --record has written. The place found is a point, with the ellipse of 95 % probability.
     """
     parser.add_argument("run", metavar="RUN", help="folder of a record")
-    parser.option(
-        "--format NAME",
-        f"{', '.join(EXPORTS)}; default: the ending of FILE",
-        kind(EXPORTS),
-        environment=False,
-        dest="export_format",
+    parser.options(
+        option(
+            "--format NAME",
+            f"{', '.join(EXPORTS)}; default: the ending of FILE",
+            kind(EXPORTS),
+            environment=False,
+            dest="export_format",
+        ),
+        option("--out FILE", "file to write, which replaces an older one; - is stdout"),
     )
-    parser.option("--out FILE", "file to write, which replaces an older one; - is stdout")
 
 
 def view(parser: CommandParser) -> None:
@@ -127,17 +137,20 @@ def view(parser: CommandParser) -> None:
     RUN is a folder that --record has written. A LOG.tlog is replayed first, through the scenario.
     """
     parser.add_argument("record_or_log", metavar="RUN|LOG", help="folder of a record, or MAVLink telemetry log")
-    parser.option(
-        "--web HOST:PORT",
-        f"address of the page: HOST, PORT or HOST:PORT; the next free port if this one is taken; default {HostPort()}",
-        parse_address,
-        HostPort(),
+    parser.options(
+        option(
+            "--web HOST:PORT",
+            "address of the page: HOST, PORT or HOST:PORT; the next free port if this one is taken; default "
+            f"{HostPort()}",
+            parse_address,
+            HostPort(),
+        ),
+        option("--scenario FILE", "scenario for a log (YAML), or builtin:NAME"),
+        shared.MAP,
+        option(
+            "--out FILE",
+            "instead write one HTML file that plays the record without arva-hil and without a network, and end; at "
+            "most 40,000 readings and 400 states of the search",
+        ),
+        shared.DURATION,
     )
-    parser.option("--scenario FILE", "scenario for a log (YAML), or builtin:NAME")
-    shared.add_map(parser)
-    parser.option(
-        "--out FILE",
-        "instead write one HTML file that plays the record without arva-hil and without a network, and end; at most "
-        "40,000 readings and 400 states of the search",
-    )
-    shared.add_duration(parser)

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from arva_hil.cli.arguments import shared
-from arva_hil.cli.options import CommandParser, link, number, numbers, speed, whole
+from arva_hil.cli.options import CommandParser, link, number, numbers, option, speed, whole
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.simulated import HOME
 
@@ -16,23 +16,28 @@ FAILSAFES: Final = ("geofence", "battery", "ekf", "radio")
 def run(parser: CommandParser) -> None:
     """Emulate the receiver: read the autopilot's MAVLink packets, send the receiver's frames."""
     parser.usual("--port --autopilot --scenario --format --rate --fault --duration --record --web --json")
-    parser.option(
-        "--port URL",
-        "link for the frames: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:HOST:PORT, tcp:HOST:PORT, or - for stdout",
-        link,
+    parser.options(
+        option(
+            "--port URL",
+            "link for the frames: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:HOST:PORT, tcp:HOST:PORT, or - for stdout",
+            link,
+        )
     )
-    parser.group("autopilot")
-    shared.add_autopilot(parser)
-    shared.add_target(parser)
-    shared.add_signing(parser)
-    shared.add_max_age(parser)
-    parser.option("--timeout S", "end if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0)
-    parser.group("scenario")
-    shared.add_scenario(parser)
-    parser.option("--hide-truth", "for a lesson: leave the true places out of the page and the terminal until the end")
-    shared.add_duration(parser)
-    parser.group("output")
-    shared.add_common(parser)
+    parser.group(
+        "autopilot",
+        *shared.AUTOPILOT,
+        *shared.TARGET,
+        shared.SIGNING,
+        shared.MAX_AGE,
+        option("--timeout S", "end if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0),
+    )
+    parser.group(
+        "scenario",
+        *shared.SCENARIO,
+        option("--hide-truth", "for a lesson: leave the true places out of the page and the terminal until the end"),
+        shared.DURATION,
+    )
+    parser.group("output", *shared.common_options())
 
 
 def config(parser: CommandParser) -> None:
@@ -50,38 +55,40 @@ def replay(parser: CommandParser) -> None:
     """Replay a recorded flight through the emulator. The same log, scenario and seed give the same bytes."""
     parser.usual("--port --out --speed --scenario --format --rate --fault --record --web --json")
     parser.add_argument("log", metavar="LOG.tlog", help="MAVLink telemetry log")
-    parser.option(
-        "--port URL", "link for the frames, which are sent at the speed of the log unless --speed is given", link
+    parser.options(
+        option(
+            "--port URL", "link for the frames, which are sent at the speed of the log unless --speed is given", link
+        ),
+        option("--out FILE", "write the frames to a file; - is stdout"),
+        option("--speed N|max", "multiple of real time; default 1 with --port, else max", speed),
     )
-    parser.option("--out FILE", "write the frames to a file; - is stdout")
-    parser.option("--speed N|max", "multiple of real time; default 1 with --port, else max", speed)
-    parser.group("scenario")
-    shared.add_scenario(parser)
-    parser.group("autopilot")
-    shared.add_target(parser)
-    shared.add_max_age(parser)
-    parser.group("output")
-    shared.add_common(parser)
+    parser.group("scenario", *shared.SCENARIO)
+    parser.group("autopilot", *shared.TARGET, shared.MAX_AGE)
+    parser.group("output", *shared.common_options())
 
 
 def doctor(parser: CommandParser) -> None:
     """Find faults of the links, and their cures. Opens both sides as `run` would, and prints each finding."""
-    shared.add_autopilot(parser)
-    parser.option("--port URL", "link for the frames; without it only the autopilot is examined", link)
-    shared.add_format(parser, default="binary")
-    shared.add_target(parser)
-    shared.add_signing(parser)
-    parser.option("--listen S", "listen this long", number(0.2, 3600, " of s"), 6.0)
-    parser.option("--json", "print a JSON object for each finding on stdout")
+    parser.options(
+        *shared.AUTOPILOT,
+        option("--port URL", "link for the frames; without it only the autopilot is examined", link),
+        shared.format_option(default="binary"),
+        *shared.TARGET,
+        shared.SIGNING,
+        option("--listen S", "listen this long", number(0.2, 3600, " of s"), 6.0),
+        option("--json", "print a JSON object for each finding on stdout"),
+    )
 
 
 def listen(parser: CommandParser) -> None:
     """Decode and print frames from a port or a file, like a consumer."""
     parser.add_argument("url", metavar="URL", help="a port, a file such as frames.bin of a record, or - for stdin")
-    shared.add_format(parser, default="binary")
-    parser.option("--count N", "end after N frames; default: never", whole(1, 2**31), math.inf)
-    shared.add_duration(parser)
-    parser.option("--json", "print a JSON object for each frame on stdout")
+    parser.options(
+        shared.format_option(default="binary"),
+        option("--count N", "end after N frames; default: never", whole(1, 2**31), math.inf),
+        shared.DURATION,
+        option("--json", "print a JSON object for each frame on stdout"),
+    )
 
 
 def record(parser: CommandParser) -> None:
@@ -91,16 +98,18 @@ def record(parser: CommandParser) -> None:
     them later, in another format.
     """
     parser.add_argument("folder", metavar="DIR", help="folder to make")
-    shared.add_autopilot(parser)
-    parser.option("--receiver URL", "link to the receiver: /dev/ttyUSB0[,BAUD], tcp:HOST:PORT", link)
-    shared.add_format(parser, default="binary")
-    shared.add_surveyed(parser)
-    parser.option("--noise", "at the end write DIR/noise.yaml: the noise over the motors' load, of a vehicle at rest")
-    shared.add_target(parser)
-    shared.add_signing(parser)
-    shared.add_max_age(parser)
-    parser.option("--timeout S", "end if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0)
-    shared.add_duration(parser)
+    parser.options(
+        *shared.AUTOPILOT,
+        option("--receiver URL", "link to the receiver: /dev/ttyUSB0[,BAUD], tcp:HOST:PORT", link),
+        shared.format_option(default="binary"),
+        shared.SURVEYED,
+        option("--noise", "at the end write DIR/noise.yaml: the noise over the motors' load, of a vehicle at rest"),
+        *shared.TARGET,
+        shared.SIGNING,
+        shared.MAX_AGE,
+        option("--timeout S", "end if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0),
+        shared.DURATION,
+    )
 
 
 def command(parser: CommandParser) -> None:
@@ -110,9 +119,11 @@ def command(parser: CommandParser) -> None:
     parser.add_argument(
         "values", metavar="VALUE", nargs="*", type=whole(-(2**31), 2**31 - 1), help="e.g. the transmitter's id"
     )
-    shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
-    parser.option("--timeout S", "wait this long for an answer", number(0.1, 3600, " of seconds"), 3.0)
-    parser.option("--json", "print the answer as a JSON object")
+    parser.options(
+        shared.format_option(default="binary", without=MAVLINK_FORMATS),
+        option("--timeout S", "wait this long for an answer", number(0.1, 3600, " of seconds"), 3.0),
+        option("--json", "print the answer as a JSON object"),
+    )
 
 
 def serve(parser: CommandParser) -> None:
@@ -121,19 +132,21 @@ def serve(parser: CommandParser) -> None:
     Prints one line {"control": …, "port": …}: the addresses of the control port and of the frames.
     Each request is a line, e.g. {"do": "advance", "seconds": 30}; so is each answer.
     """
-    parser.option(
-        "--control ADDRESS",
-        "tcp:127.0.0.1:PORT, with 0 for a free port, or unix:PATH",
-        default="tcp:127.0.0.1:0",
+    parser.options(
+        option(
+            "--control ADDRESS",
+            "tcp:127.0.0.1:PORT, with 0 for a free port, or unix:PATH",
+            default="tcp:127.0.0.1:0",
+        ),
+        option("--scenario FILE", "scenario (YAML), or builtin:NAME; default: one transmitter 20 m N, 5 m E of home"),
+        option("--port URL", "port for the frames: pty, tcp, udp or a connection string", default="pty"),
+        option("--real-time", "frames come in real time; without it time passes in `advance` alone"),
     )
-    parser.option("--scenario FILE", "scenario (YAML), or builtin:NAME; default: one transmitter 20 m N, 5 m E of home")
-    parser.option("--port URL", "port for the frames: pty, tcp, udp or a connection string", default="pty")
-    parser.option("--real-time", "frames come in real time; without it time passes in `advance` alone")
 
 
 def ports(parser: CommandParser) -> None:
     """List the serial ports, and mark those that look like an autopilot."""
-    parser.option("--json", "print a JSON object for each port")
+    parser.options(option("--json", "print a JSON object for each port"))
 
 
 def vehicle(parser: CommandParser) -> None:
@@ -142,21 +155,23 @@ def vehicle(parser: CommandParser) -> None:
     A ground station and a search can use it together: `arva-hil vehicle --link udpout:127.0.0.1:14550 --link
     tcpin:127.0.0.1:5760`.
     """
-    parser.option("--link URL", "MAVLink link; may be repeated", link, action="append")
-    parser.option("--home LAT,LON,ALT", "home in degrees, m AMSL; default: in the Alps", home, HOME)
-    parser.option("--wind N,E,D", "velocity of the air, m/s; default 0,0,0", wind, (0.0, 0.0, 0.0))
-    shared.add_gps_noise(parser)
-    parser.option("--fix-after S", "time until the first GPS fix", number(0, 3600), 0.0)
-    parser.option("--count N", "number of vehicles, 5 m apart, with consecutive ids", whole(1, 64), 1)
-    parser.option("--system N", "system id of the first vehicle", whole(1, 250), 1)
-    parser.option("--seed N", "seed of the GPS drift", whole(0, 2**31), 0)
-    parser.option(
-        "--failsafe NAME@S",
-        f"trigger a failsafe S seconds after the first take-off: {', '.join(FAILSAFES)}; may be repeated",
-        failsafe,
-        action="append",
+    parser.options(
+        option("--link URL", "MAVLink link; may be repeated", link, action="append"),
+        option("--home LAT,LON,ALT", "home in degrees, m AMSL; default: in the Alps", home, HOME),
+        option("--wind N,E,D", "velocity of the air, m/s; default 0,0,0", wind, (0.0, 0.0, 0.0)),
+        shared.GPS_NOISE,
+        option("--fix-after S", "time until the first GPS fix", number(0, 3600), 0.0),
+        option("--count N", "number of vehicles, 5 m apart, with consecutive ids", whole(1, 64), 1),
+        option("--system N", "system id of the first vehicle", whole(1, 250), 1),
+        option("--seed N", "seed of the GPS drift", whole(0, 2**31), 0),
+        option(
+            "--failsafe NAME@S",
+            f"trigger a failsafe S seconds after the first take-off: {', '.join(FAILSAFES)}; may be repeated",
+            failsafe,
+            action="append",
+        ),
+        shared.DURATION,
     )
-    shared.add_duration(parser)
 
 
 home = numbers(

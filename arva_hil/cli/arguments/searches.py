@@ -3,171 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from arva_hil.cli.arguments import shared
-from arva_hil.cli.options import CommandParser, kind, link, number, numbers, speed, whole
+from arva_hil.cli.options import CommandParser, kind, link, number, numbers, option, speed, whole
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 _AREA = "south,west,north,east in m, e.g. --area=-50,-50,50,50"
 _FAR_M = 10_000  # a corner of the area
 _MOST_VICTIMS = 16
-
-
-def search(parser: CommandParser) -> None:
-    """Search for the victim: read the receiver's port, fly the vehicle to the transmitter, and land there.
-
-    Before a flight: take the propellers off on the bench. The serial ports of flight controllers have 3.3 V levels,
-    not 5 V and not RS-232. One person holds the sticks, with a thumb on the mode switch, and does nothing else. Try
-    --dry-run first: it sends no command.
-
-    The vehicle arms, takes off, searches and lands by itself. A simulator identifies itself as one. For any other
-    vehicle, search asks at the terminal before it arms, or needs --yes; without either it ends with 2.
-
-    The pilot can take over at any time. Mode switch: the search sends no more commands. Stick: the vehicle stops, the
-    search requests LOITER (PX4: Hold) once, and sends nothing after that. Ctrl-C: the vehicle hovers; a landing that
-    has begun continues.
-
-    If the receiver is unplugged, the vehicle hovers and the search reopens the port. If the autopilot's link is lost
-    before arming, the search reopens it. If it is lost after arming, the vehicle's own failsafe takes over.
-
-    Exit codes: 0 found (all that --victims asks for), or a dry run that would have flown; 1 not sure, not found or
-    failed; 2 usage or not allowed to arm; 3 no autopilot or no frames; 130 interrupted.
-    """
-    parser.usual("--autopilot --receiver --strategy --victims --height --take-off --area --limit --dry-run --record")
-    parser.option("--autopilot --master URL", "link to the autopilot", link)
-    parser.option("--receiver URL", "link to the receiver's port", link)
-    parser.group("search")
-    shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
-    add_plan(parser)
-    parser.group("several vehicles")
-    parser.option(
-        "--scenario FILE",
-        "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used; has no "
-        "ARVA_HIL_ variable",
-        environment=False,
-    )
-    parser.option(
-        "--vehicle NAME",
-        "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL",
-        environment=False,
-    )
-    parser.group("start and end of the flight")
-    add_flight(parser)
-    parser.group("autopilot")
-    shared.add_target(parser)
-    shared.add_signing(parser)
-    parser.option("--stream-rate HZ", "rate of position and attitude to request", number(4, 50, " of Hz"), 10.0)
-    parser.group("output")
-    shared.add_live(parser)
-    parser.option(
-        "--gcs URL",
-        "send the place found, as ADSB_VEHICLE, and readings to a ground station: a separate link that is not "
-        "forwarded to an autopilot, e.g. udpout:127.0.0.1:14555",
-        link,
-    )
-    parser.option("--record DIR", "record the flight, its outcome and a picture in the folder DIR")
-    shared.add_web(parser)
-    parser.option("--json", "print the outcome of the search as a JSON object on stdout")
-
-
-def demo(parser: CommandParser) -> None:
-    """Run the whole loop without hardware: a simulated vehicle, its receiver, and a search that finds the transmitter.
-
-    Unless --speed is max, the vehicle's link and the receiver's port are pseudo-terminals.
-    """
-    parser.usual("--speed --headless --count --gps-noise --strategy --victims --area --scenario --record --web")
-    parser.option("--speed N|max", "multiple of real time", speed, 1.0)
-    parser.option("--headless", "print plain lines only, without a live status")
-    parser.option(
-        "--count N",
-        "number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles",
-        whole(1, 64),
-    )
-    shared.add_gps_noise(parser)
-    parser.group("search")
-    add_plan(parser)
-    parser.group("scenario")
-    shared.add_scenario(parser)
-    parser.group("output")
-    shared.add_common(parser, web="on, with --headless off")
-
-
-def add_flight(parser: CommandParser) -> None:
-    """Add the options of the start and the end of a flight."""
-    seconds = number(0.1, math.inf, " of s")
-    parser.option(
-        "--timeout S",
-        "end if both links, a heartbeat, frames and a pose are not there this long after the start",
-        seconds,
-        60.0,
-    )
-    parser.option("--arm-timeout S", "end if the autopilot does not arm in this time", seconds, 60.0)
-    parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
-    parser.option(
-        "--yes",
-        "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable",
-        environment=False,
-    )
-    parser.option(
-        "--dry-run",
-        "check everything, print the question and the commands of the flight, with set-points for 5 s of readings, "
-        "and end; search arms and moves nothing: it sends only heartbeats and requests (streams, parameters, "
-        "the simulator's identity)",
-    )
-    parser.option(
-        "--take-over",
-        "start in the air: take over an armed vehicle that hovers for 1 s, at least 1 m above home, in AUTO, GUIDED, "
-        "LOITER or BRAKE (PX4: mission or hold); has no ARVA_HIL_ variable",
-        environment=False,
-    )
-    parser.option("--end", "action at the end", None, "land", choices=("land", "hover"))
-
-
-def add_plan(parser: CommandParser) -> None:
-    """Add the options of the search itself."""
-    parser.option(
-        "--strategy NAME", f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own", kind(STRATEGIES), "estimate"
-    )
-    parser.option(
-        "--victims N|all",
-        "number of transmitters to find, one after the other; all: every one that the receiver detects from the strips "
-        "of the whole area",
-        victims,
-        1,
-    )
-    parser.option("--max-speed M/S", "largest horizontal speed", number(0.2, 10, " of m/s"), 1.0)
-    metres, seconds = number(0.3, 100, " of m"), number(1, 86400, " of s")
-    parser.option("--height M", "height above the ground to hold", metres, 3.0)
-    parser.option(
-        "--trust-height",
-        "hold --height also if only GPS measures the height; otherwise the vehicle then flies 3 sigma higher",
-    )
-    parser.option("--take-off M", "height of the take-off", metres, 3.0)
-    parser.option(
-        "--mount X,Y,Z[,R,P,Y]",
-        "place of the receiver on the vehicle: m forward, right and down of its centre; then roll, pitch and yaw in "
-        "degrees; default 0,0,0,0,0,0",
-        mount,
-        (0.0,) * 6,
-    )
-    parser.option(
-        "--area S,W,N,E",
-        "area to search in strips before the first signal: south, west, north, east of the take-off point, m; the "
-        "search ends if the vehicle is 100 m outside; default=-50,-50,50,50",
-        area,
-        (-50.0, -50.0, 50.0, 50.0),
-    )
-    parser.option(
-        "--strip-width M|auto|PROFILE",
-        "width of the strips; auto: the largest at which the scenario's receiver detects the weakest transmitter; a "
-        "receiver profile (a file or builtin:NAME): the largest for that receiver",
-        strip_width,
-        40.0,
-    )
-    parser.option(
-        "--patience S", "hover this long, then end, if no frames come or the strategy does not answer", seconds, 10.0
-    )
-    parser.option("--limit S", "end the search after this long", seconds, 900.0)
 
 
 def strip_width(text: str) -> float | str:
@@ -198,3 +42,164 @@ mount = numbers(
     *[(-360, 360)] * 3,
     optional=3,
 )
+
+_METRES: Final = number(0.3, 100, " of m")
+_SECONDS: Final = number(1, 86400, " of s")
+PLAN: Final = (
+    option("--strategy NAME", f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own", kind(STRATEGIES), "estimate"),
+    option(
+        "--victims N|all",
+        "number of transmitters to find, one after the other; all: every one that the receiver detects from the strips "
+        "of the whole area",
+        victims,
+        1,
+    ),
+    option("--max-speed M/S", "largest horizontal speed", number(0.2, 10, " of m/s"), 1.0),
+    option("--height M", "height above the ground to hold", _METRES, 3.0),
+    option(
+        "--trust-height",
+        "hold --height also if only GPS measures the height; otherwise the vehicle then flies 3 sigma higher",
+    ),
+    option("--take-off M", "height of the take-off", _METRES, 3.0),
+    option(
+        "--mount X,Y,Z[,R,P,Y]",
+        "place of the receiver on the vehicle: m forward, right and down of its centre; then roll, pitch and yaw in "
+        "degrees; default 0,0,0,0,0,0",
+        mount,
+        (0.0,) * 6,
+    ),
+    option(
+        "--area S,W,N,E",
+        "area to search in strips before the first signal: south, west, north, east of the take-off point, m; the "
+        "search ends if the vehicle is 100 m outside; default=-50,-50,50,50",
+        area,
+        (-50.0, -50.0, 50.0, 50.0),
+    ),
+    option(
+        "--strip-width M|auto|PROFILE",
+        "width of the strips; auto: the largest at which the scenario's receiver detects the weakest transmitter; a "
+        "receiver profile (a file or builtin:NAME): the largest for that receiver",
+        strip_width,
+        40.0,
+    ),
+    option(
+        "--patience S",
+        "hover this long, then end, if no frames come or the strategy does not answer",
+        _SECONDS,
+        10.0,
+    ),
+    option("--limit S", "end the search after this long", _SECONDS, 900.0),
+)
+"""The options of the search itself."""
+FLIGHT: Final = (
+    option(
+        "--timeout S",
+        "end if both links, a heartbeat, frames and a pose are not there this long after the start",
+        number(0.1, math.inf, " of s"),
+        60.0,
+    ),
+    option("--arm-timeout S", "end if the autopilot does not arm in this time", number(0.1, math.inf, " of s"), 60.0),
+    option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0),
+    option(
+        "--yes",
+        "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable",
+        environment=False,
+    ),
+    option(
+        "--dry-run",
+        "check everything, print the question and the commands of the flight, with set-points for 5 s of readings, "
+        "and end; search arms and moves nothing: it sends only heartbeats and requests (streams, parameters, "
+        "the simulator's identity)",
+    ),
+    option(
+        "--take-over",
+        "start in the air: take over an armed vehicle that hovers for 1 s, at least 1 m above home, in AUTO, GUIDED, "
+        "LOITER or BRAKE (PX4: mission or hold); has no ARVA_HIL_ variable",
+        environment=False,
+    ),
+    option("--end", "action at the end", None, "land", choices=("land", "hover")),
+)
+"""The options of the start and the end of a flight."""
+
+
+def search(parser: CommandParser) -> None:
+    """Search for the victim: read the receiver's port, fly the vehicle to the transmitter, and land there.
+
+    Before a flight: take the propellers off on the bench. The serial ports of flight controllers have 3.3 V levels,
+    not 5 V and not RS-232. One person holds the sticks, with a thumb on the mode switch, and does nothing else. Try
+    --dry-run first: it sends no command.
+
+    The vehicle arms, takes off, searches and lands by itself. A simulator identifies itself as one. For any other
+    vehicle, search asks at the terminal before it arms, or needs --yes; without either it ends with 2.
+
+    The pilot can take over at any time. Mode switch: the search sends no more commands. Stick: the vehicle stops, the
+    search requests LOITER (PX4: Hold) once, and sends nothing after that. Ctrl-C: the vehicle hovers; a landing that
+    has begun continues.
+
+    If the receiver is unplugged, the vehicle hovers and the search reopens the port. If the autopilot's link is lost
+    before arming, the search reopens it. If it is lost after arming, the vehicle's own failsafe takes over.
+
+    Exit codes: 0 found (all that --victims asks for), or a dry run that would have flown; 1 not sure, not found or
+    failed; 2 usage or not allowed to arm; 3 no autopilot or no frames; 130 interrupted.
+    """
+    parser.usual("--autopilot --receiver --strategy --victims --height --take-off --area --limit --dry-run --record")
+    parser.options(
+        option("--autopilot --master URL", "link to the autopilot", link),
+        option("--receiver URL", "link to the receiver's port", link),
+    )
+    parser.group("search", shared.format_option(default="binary", without=MAVLINK_FORMATS), *PLAN)
+    parser.group(
+        "several vehicles",
+        option(
+            "--scenario FILE",
+            "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used; has no "
+            "ARVA_HIL_ variable",
+            environment=False,
+        ),
+        option(
+            "--vehicle NAME",
+            "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL",
+            environment=False,
+        ),
+    )
+    parser.group("start and end of the flight", *FLIGHT)
+    parser.group(
+        "autopilot",
+        *shared.TARGET,
+        shared.SIGNING,
+        option("--stream-rate HZ", "rate of position and attitude to request", number(4, 50, " of Hz"), 10.0),
+    )
+    parser.group(
+        "output",
+        *shared.LIVE,
+        option(
+            "--gcs URL",
+            "send the place found, as ADSB_VEHICLE, and readings to a ground station: a separate link that is not "
+            "forwarded to an autopilot, e.g. udpout:127.0.0.1:14555",
+            link,
+        ),
+        option("--record DIR", "record the flight, its outcome and a picture in the folder DIR"),
+        *shared.web_options(),
+        option("--json", "print the outcome of the search as a JSON object on stdout"),
+    )
+
+
+def demo(parser: CommandParser) -> None:
+    """Run the whole loop without hardware: a simulated vehicle, its receiver, and a search that finds the transmitter.
+
+    Unless --speed is max, the vehicle's link and the receiver's port are pseudo-terminals.
+    """
+    parser.usual("--speed --headless --count --gps-noise --strategy --victims --area --scenario --record --web")
+    parser.options(
+        option("--speed N|max", "multiple of real time", speed, 1.0),
+        option("--headless", "print plain lines only, without a live status"),
+        option(
+            "--count N",
+            "number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles",
+            whole(1, 64),
+        ),
+        shared.GPS_NOISE,
+    )
+    parser.group("search", *PLAN)
+    parser.group("scenario", *shared.SCENARIO)
+    parser.group("output", *shared.common_options(web="on, with --headless off"))
