@@ -248,7 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     at = words.index("--") if "--" in words else len(words)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("binary", type=lambda name: Path(name).resolve())
-    parser.add_argument("kinds", nargs="*", choices=KINDS, help=f"default {' '.join(PILOTS)}")
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"default {' '.join(PILOTS)}")
     parser.add_argument("--runs", type=int, default=3, metavar="N", help="of each kind; default 3")
     parser.add_argument("--seed", type=int, default=1, help="of the first run of each kind")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="flights of the built-in vehicle at a time")
@@ -262,6 +262,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words[:at])
     options.options = words[at + 1 :]
     options.kinds = options.kinds or PILOTS
+    if unknown := set(options.kinds) - set(KINDS):
+        parser.error(f"{unknown.pop()}: no such kind; there are {', '.join(KINDS)}")
     others = options.binary.name != "vehicle"
     if (options.slope or options.rangefinder) and options.binary.name != "arducopter":
         parser.error("--slope and --rangefinder are for arducopter")
