@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import ReceiverConfig, Scenario, VehicleConfig
-from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.registry import over_mavlink
 
 
@@ -83,20 +82,3 @@ def check_systems(source: str, link: str, vehicles: Sequence[VehicleConfig]) -> 
     if len(vehicles) > 1 and (None in systems or len(set(systems)) < len(systems)):
         names = ", ".join(vehicle.name for vehicle in vehicles)
         raise ValueError(f"{source}: {names} are all on {link}: give each its own `system`")
-
-
-def recorded_vehicles(
-    scenario: Scenario, log: str, link: str, *, target_component: int | None = None
-) -> list[VehicleSetup]:
-    """Return the setups for a replay of one log with all vehicles of a scenario. They differ by their system ids.
-
-    `log`: its name for a person; `link`: the engine's name. Raises ValueError if vehicles have the same system id.
-    """
-    check_systems(scenario.source, log, scenario.vehicles)
-    reader = PacketReader()
-
-    def session(vehicle: VehicleConfig) -> Session:
-        ids = vehicle.system, target_component
-        return Session(target_system=ids[0], target_component=ids[1], passive=True, reader=reader, name=vehicle.name)
-
-    return vehicle_setups(scenario, lambda _: link, session)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.config import Scenario
+from arva_hil.config import Scenario, VehicleConfig
 from arva_hil.emulator.setup import (
     VehicleSetup,
     check_systems,
     one_vehicle,
-    recorded_vehicles,
     sink_name,
     vehicle_setups,
 )
@@ -45,25 +45,26 @@ def live_vehicles(
 
     `system`: of the vehicle if the scenario names none.
     """
-
-    def session(link: str, system: int | None, name: str) -> Session:
-        reader = readers[link]
-        return Session(target_system=system, target_component=component, rate_hz=rate_hz, reader=reader, name=name)
-
+    session, link_of = partial(Session, target_component=component, rate_hz=rate_hz), sides.of_vehicle
     if not chosen.vehicles:
-        return [one_vehicle(chosen, session("autopilot", system, "vehicle"))]
-    link_of = sides.of_vehicle
-    return vehicle_setups(chosen, lambda v: link_of[v.name], lambda v: session(link_of[v.name], v.system, v.name))
+        return [one_vehicle(chosen, session(target_system=system, reader=readers["autopilot"]))]
+
+    def own(vehicle: VehicleConfig) -> Session:
+        return session(target_system=vehicle.system, reader=readers[link_of[vehicle.name]], name=vehicle.name)
+
+    return vehicle_setups(chosen, lambda vehicle: link_of[vehicle.name], own)
 
 
 def vehicles_in_log(chosen: Scenario, log: str, system: int | None, component: int | None) -> list[VehicleSetup]:
-    """Return the vehicles of a replay, on the link "autopilot".
+    """Return the vehicles of a replay, on the link "autopilot". They differ by their system ids.
 
-    Raises ValueError if they have the same ids there.
+    `log`: its name for a person. Raises ValueError if they have the same ids there.
     """
-    if chosen.vehicles:
-        return recorded_vehicles(chosen, log, "autopilot", target_component=component)
-    return [one_vehicle(chosen, Session(target_system=system, target_component=component, passive=True))]
+    session = partial(Session, target_component=component, passive=True, reader=PacketReader())
+    if not chosen.vehicles:
+        return [one_vehicle(chosen, session(target_system=system))]
+    check_systems(chosen.source, log, chosen.vehicles)
+    return vehicle_setups(chosen, lambda _: "autopilot", lambda v: session(target_system=v.system, name=v.name))
 
 
 def ports_of(chosen: Scenario) -> dict[str, str]:

@@ -13,7 +13,7 @@ from arva_hil.config import Lla, ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.setup import VehicleSetup, one_vehicle, sink_name, vehicle_setups
+from arva_hil.emulator.setup import VehicleSetup, one_vehicle, vehicle_setups
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch
 from arva_hil.links import Link, memory
@@ -73,22 +73,11 @@ def _datum(scenario: Scenario) -> Lla:
     return Lla(*HOME) if scenario.datum == "home" else scenario.datum
 
 
-def _with_truth(scenario: Scenario) -> Scenario:
-    return replace(scenario, pose="truth", navigation_error=None)
-
-
-class Berth(NamedTuple):
-    """The place of one drone at the start, and the engine's names of its links.
-
-    `link`: to the vehicle. `sink`: for frames. A drone that is alone has no name and no `system` to follow.
-    """
-
-    name: str
-    link: str
-    sink: str
-    home: tuple[float, float, float]
-    system: int | None
-    format: str
+def _flown(scenario: Scenario, *, noisy: bool) -> Scenario:
+    """Return the scenario with one datum for a team. `noisy`: the report is not the truth."""
+    if scenario.vehicles:
+        scenario = replace(scenario, datum=_datum(scenario))
+    return replace(scenario, pose="truth", navigation_error=None) if noisy else scenario
 
 
 @dataclass(frozen=True)
@@ -220,36 +209,36 @@ class ClosedLoop:
     ) -> None:
         datum = _datum(scenario)
         self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
-        if scenario.vehicles:
-            scenario = replace(scenario, datum=datum)
-        scenario = _with_truth(scenario) if gps_noise_m else scenario  # without noise the report is the truth
+        scenario = _flown(scenario, noisy=bool(gps_noise_m))
         audience = Audience(observers)
         emit = emit or (lambda name, event: audience.emit([FromSearch(event.time_s, event, name)]))
         told = {"tell_packets": tell_packets, "tell_status": bool(observers)}
-        self.emulator = Emulator(_setups(scenario, stream_hz), start=start, timeout_s=10.0, **told)
-        bus = Bus(TeamField(plan.area, self.frame, len(berths := self._berths(scenario))))
+        setups = _setups(scenario, stream_hz)
+        self.emulator = Emulator(setups, start=start, timeout_s=10.0, **told)
+        bus = Bus(TeamField(plan.area, self.frame, len(setups)))
         make = partial(SimulatedVehicle, wind=wind, gps_noise_m=gps_noise_m, sensors=sensors, boot_time=start)
         self.drones: list[Drone] = []
         autopilots, ports, simulators = dict[str, Link](), dict[str, Link](), list[Simulator]()
-        for n, (berth, links) in enumerate(zip(berths, wires or [in_memory() for _ in berths], strict=True)):
-            vehicle = make(berth.home, berth.system or 1, seed=scenario.seed + n)
+        for n, (setup, links) in enumerate(zip(setups, wires or [in_memory() for _ in setups], strict=True)):
+            name, system, home = self._berth(scenario, n)
+            vehicle = make(home, system or 1, seed=scenario.seed + n)
             simulators.append(Simulator([vehicle], [links.autopilot[1], links.commands[1]]))
-            autopilots[berth.link], ports[berth.sink] = links.autopilot[0], links.port[1]
-            kind, mate = FORMATS[berth.format], bus.join() if scenario.vehicles else None
+            (receiver,) = setup.receivers
+            autopilots[setup.link], ports[receiver.sink] = links.autopilot[0], links.port[1]
+            kind, mate = FORMATS[receiver.scenario.output_format], bus.join() if scenario.vehicles else None
             search = SearchClient(
                 mate.layered(plan) if mate else plan,
-                Session(target_system=berth.system, rate_hz=stream_hz, component=COMPONENT),
+                Session(target_system=system, rate_hz=stream_hz, component=COMPONENT),
                 links.commands[0],
                 links.port[0],
                 kind.decoder(),
                 start=start,
-                emit=partial(emit, berth.name),
+                emit=partial(emit, name),
                 log=log,
                 host=getattr(kind, "host", None),
                 team=mate,
             )
-            emulated = self.emulator.vehicles[n]
-            self.drones.append(Drone(berth.name, vehicle, search, links.commands[1], emulated, scenario))
+            self.drones.append(Drone(name, vehicle, search, links.commands[1], self.emulator.vehicles[n], scenario))
         live = Live(self.emulator, autopilots, ports, audience)
         self.tasks: list[Simulator | Live | SearchClient] = [*simulators, live, *(one.search for one in self.drones)]
 
@@ -264,17 +253,16 @@ class ClosedLoop:
         choices = [one.choice for drone in self.drones if (one := drone.mission) and one.found is not None and one.sure]
         return {choice.target for choice in choices if choice.target is not None}
 
-    def _berths(self, scenario: Scenario) -> list[Berth]:
+    def _berth(self, scenario: Scenario, n: int) -> tuple[str, int | None, Vector]:
+        """Return the name and the system id of a drone, and its place at the start: degrees, degrees, metres AMSL.
+
+        A drone that is alone has no name, and no id to follow.
+        """
         if not scenario.vehicles:
-            return [Berth("", "autopilot", "port", HOME, None, scenario.output_format)]
-        berths = []
-        for n, config in enumerate(scenario.vehicles):
-            east = (n - (len(scenario.vehicles) - 1) / 2) * APART_M
-            lat, lon, alt = (float(value) for value in self.frame.lla([0.0, east, 0.0]))
-            (receiver,) = config.receivers
-            sink, system = sink_name(config, receiver), config.system or n + 1
-            berths.append(Berth(config.name, config.name, sink, (lat, lon, alt), system, receiver.output_format))
-        return berths
+            return "", None, HOME
+        vehicle, east = scenario.vehicles[n], (n - (len(scenario.vehicles) - 1) / 2) * APART_M
+        lat, lon, alt = (float(value) for value in self.frame.lla([0.0, east, 0.0]))
+        return vehicle.name, vehicle.system or n + 1, (lat, lon, alt)
 
 
 def _setups(scenario: Scenario, stream_hz: float) -> list[VehicleSetup]:

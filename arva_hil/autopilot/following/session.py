@@ -186,7 +186,7 @@ class Session:
                 self._on_refused(packet, now)
             elif vehicle is None or msgid == _HEARTBEAT:
                 (own if self._discover(packet, now, sender) else others).append(packet)
-            elif vehicle.sent(packet) and sender == self.senders.vehicle:
+            elif (packet.system, packet.component, sender) == (vehicle.system, vehicle.component, self.senders.vehicle):
                 own.append(packet)
                 if msgid in _DECODED and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import string
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
@@ -17,25 +18,23 @@ _NO_POSE = {
 _SIMULATORS = "only the simulators of ArduPilot and PX4 send their"
 
 
+_NO_VEHICLE: Final = {
+    "link lost": "no autopilot was found: {link_error}",
+    "silence": "no byte came: is the autopilot powered, and sending MAVLink on this link?",
+    "no packets": "{bytes} bytes came, but no MAVLink packet: is the baud rate right, and the port's protocol MAVLink?",
+    "no signature": "{packets} packets came, but no autopilot's with the key: {counts}",
+    "other vehicles": "{packets} packets came, but none of the wanted vehicle: {who}; is its system id right?",
+    "no heartbeat": "{packets} packets came, but no autopilot's heartbeat: {who}",
+}
+
+
 def no_vehicle(why: NoVehicle) -> str:
     """Return the traffic received, in words, if no vehicle was found."""
-    if why.reason == "link lost":
-        return f"no autopilot was found: {why.link_error}"
-    if why.reason == "silence":
-        return "no byte came: is the autopilot powered, and sending MAVLink on this link?"
-    if why.reason == "no packets":
-        return (
-            f"{why.bytes} bytes came, but no MAVLink packet: is the baud rate right, and the port's protocol MAVLink?"
-        )
-    if why.reason == "no signature":
-        counts = ", ".join(f"{count} {verdict}" for verdict, count in why.refused)
-        return f"{why.packets} packets came, but no autopilot's with the key: {counts}"
-    if not why.sources:
-        return f"{why.packets} packets came, all of other vehicles: is this one powered, and its system id right?"
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in why.refused)
     who = ", ".join(f"{s.what} from {s.system}/{s.component} ×{s.times}" for s in why.sources)
-    if why.reason == "other vehicles":
-        return f"{why.packets} packets came, but none of the wanted vehicle: {who}; is its system id right?"
-    return f"{why.packets} packets came, but no autopilot's heartbeat: {who}"
+    if why.reason in ("other vehicles", "no heartbeat") and not who:
+        return f"{why.packets} packets came, all of other vehicles: is this one powered, and its system id right?"
+    return _NO_VEHICLE[why.reason].format(counts=counts, who=who, **vars(why))
 
 
 def no_pose(why: NoPose) -> str:
@@ -151,9 +150,25 @@ def order_in_words(detail: OrderDetail | str) -> str:
     return ", ".join(filter(None, [detail.mode, "at the end" if detail.at_end else ""])) or "arm"
 
 
+class WordFormatter(string.Formatter):
+    """`{field:yes|no}`: one of two texts, by whether the field is true; `{field:kind}`: by a function of `words`."""
+
+    def __init__(self, words: Mapping[str, Callable[[Any], str]]) -> None:
+        self._words = words
+
+    def format_field(self, value: Any, spec: str) -> str:
+        yes, either, no = spec.rpartition("|")
+        if either:
+            return yes if value else no
+        return self._words[spec](value) if spec in self._words else str(super().format_field(value, spec))
+
+
+_FORMATTER: Final = WordFormatter({})
+
+
 def _one(reason: Reason) -> str:
     form = _WORDS[reason.why]
-    return form.format_map(reason.values) if isinstance(form, str) else form(**reason.values)
+    return _FORMATTER.vformat(form, (), reason.values) if isinstance(form, str) else form(**reason.values)
 
 
 def _not_all(where: str, nothing: str, found: int, wanted: int | None, more: int, unsure: int = 0) -> str:
@@ -166,18 +181,10 @@ def _not_all(where: str, nothing: str, found: int, wanted: int | None, more: int
     return f"{found} found{doubtful} {where}, {more} more received"
 
 
-def _time_up(limit_s: float, **counts: Any) -> str:
-    return _not_all(f"in {limit_s:g} s", f"not found in {limit_s:g} s", **counts)
-
-
 def _strips_flown(heard: bool, twice: bool, team: bool, **counts: Any) -> str:
     strips = "all strips are flown" + (", those of other parts as the team reports" if team else "")
     nothing = f"{'not found' if heard else 'no signal'}: {strips}{', twice' if twice else ''}"
     return _not_all("on all strips", nothing, **counts)
-
-
-def _disagree(pairs: Sequence[tuple[str, float, str, float]]) -> str:
-    return "; ".join(f"the {one} says {a:.1f} m, and the {two} {b:.1f} m" for one, a, two, b in pairs)
 
 
 def _receiver_silent(link: str, age_s: float | None, repeated: int | None, first_bytes: bytes) -> str:
@@ -190,17 +197,6 @@ def _receiver_silent(link: str, age_s: float | None, repeated: int | None, first
     return f"no frame from the receiver at {link}: {why}"
 
 
-def _beyond_fence(area: bool, parameter: str, metres: float, needed_m: float) -> str:
-    what = "the whole area is" if area else "the height is"
-    fence = f"{what} beyond the vehicle's fence ({parameter} {metres:g})"
-    return f"{fence}, {needed_m:g} m needed; nothing was armed"
-
-
-def _other_search(name: str, flies: bool) -> str:
-    what = "flies this vehicle; this one sends nothing more" if flies else "has this vehicle"
-    return f"another search ({name}) {what}; end one of the two"
-
-
 def _not_followed(seconds: float, ordered_m: float, flown_m: float, off_deg: float | None) -> str:
     how = "it hardly moves" if off_deg is None else f"it flies {abs(off_deg):.0f}° off"
     cause = "its compass is wrong, the wind is too strong, or another program steers it"
@@ -208,16 +204,6 @@ def _not_followed(seconds: float, ordered_m: float, flown_m: float, off_deg: flo
         cause = "a fence or an obstacle stops it (AVOID_ENABLE, CP_DIST), or set-points are lost on the link"
     flown = f"{flown_m:.1f} m in {seconds:.0f} s, {ordered_m:.1f} m ordered"
     return f"the vehicle does not follow its set-points: {how} ({flown}): {cause}"
-
-
-def _mode_taken(mode: str, stalled_s: float) -> str:
-    stalled = f" (this program was delayed, and sent no set-point for {stalled_s:.1f} s before: PX4 leaves OFFBOARD "
-    stalled = stalled + "after COM_OF_LOSS_T)" if stalled_s else ""
-    return f"the mode is {mode}: the pilot or a failsafe has taken over{stalled}"
-
-
-def _left_alone(parameters: Mapping[str, float], px4: bool, remote: bool) -> str:
-    return f"the vehicle is left to its own failsafe: {left_alone(parameters, px4, remote)}"
 
 
 STICKS: Final = 4  # of the channels; the others are switches and knobs
@@ -239,10 +225,12 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.REBOOTED: "the vehicle has rebooted",
     Why.FOUND: "found",
     Why.NOT_SURE: "not sure: the readings do not agree with the place reported",
-    Why.TIME_UP: _time_up,
+    Why.TIME_UP: lambda limit_s, **counts: _not_all(f"in {limit_s:g} s", f"not found in {limit_s:g} s", **counts),
     Why.STRIPS_FLOWN: _strips_flown,
     Why.ON_THE_GROUND: "it is on the ground, or it does not sink as ordered because set-points are lost",
-    Why.SENSORS_DISAGREE: _disagree,
+    Why.SENSORS_DISAGREE: lambda pairs: "; ".join(
+        f"the {one} says {a:.1f} m, and the {two} {b:.1f} m" for one, a, two, b in pairs
+    ),
     Why.TOO_LOW: "it does not climb above {metres:.1f} m",
     Why.TOO_FAR: "it is more than {metres:g} m outside the area",
     Why.STRATEGY_FAILED: "{text}",
@@ -264,11 +252,13 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.PORT_SHARED: lambda port, readers: (
         f"{port} is read by {', '.join(readers)} too, and each gets a part of the frames; close the other program"
     ),
-    Why.BEYOND_FENCE: _beyond_fence,
+    Why.BEYOND_FENCE: "{area:the whole area is|the height is} beyond the vehicle's fence ({parameter} {metres:g}), "
+    "{needed_m:g} m needed; nothing was armed",
     Why.NOBODY_ASKED: f"{_REAL}: to let it fly, write --yes",
     Why.ANSWER_NO: f"{_REAL}, and the answer was not yes: nothing was done",
     Why.ANSWER_LATE: f"{_REAL}, and no person typed yes within {{seconds:g}} s: nothing was done",
-    Why.OTHER_SEARCH: _other_search,
+    Why.OTHER_SEARCH: "another search ({name}) "
+    "{flies:flies this vehicle; this one sends nothing more|has this vehicle}; end one of the two",
     Why.WOULD_FLY: "dry run: nothing was ordered; it would have flown",
     Why.WOULD_END: lambda because: f"dry run: {in_words(because)}; nothing was ordered",
     Why.HOME_UNKNOWN: "its home position is not known",
@@ -286,7 +276,9 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
         f"keep away from the propellers and disarm it from the radio or the ground station ({in_words(because)})"
     ),
     Why.GOES_ON_LANDING: "the vehicle is left to its own failsafe: it continues to land",
-    Why.LEFT_ALONE: _left_alone,
+    Why.LEFT_ALONE: lambda parameters, px4, remote: (
+        f"the vehicle is left to its own failsafe: {left_alone(parameters, px4, remote)}"
+    ),
     Why.OTHER_IDS: "the vehicle that was launched is {vehicle}, and now {other} uses its ids",
     Why.CLOCK_AHEAD: "its clock is {seconds:.1f} s ahead of the one of the vehicle that was launched",
     Why.CLOCK_BACK: "it has rebooted, or it is not the vehicle that was launched: its clock has gone back",
@@ -300,7 +292,9 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.ARMED_BY_OTHER: "another program or person has armed it, in {mode}",
     Why.DISARMED: "it was disarmed; the mode is {mode}",
     Why.NOT_TAKEN_OVER: "it was not taken over",
-    Why.MODE_TAKEN: _mode_taken,
+    Why.MODE_TAKEN: "the mode is {mode}: the pilot or a failsafe has taken over"
+    "{stalled_s: (this program was delayed, and sent no set-point for {stalled_s:.1f} s before: PX4 leaves OFFBOARD "
+    "after COM_OF_LOSS_T)|}",
     Why.PILOT_HAS_IT: "the pilot has it, in {mode}",
     Why.CHANNEL_MOVED: lambda channel, by_us: (
         f"the pilot has moved a {'stick' if channel <= STICKS else 'switch'} (channel {channel}, by {by_us} µs)"

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import string
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from arva_hil import events
 from arva_hil.events import Event, searches, vehicles
-from arva_hil.events.words.reasons import STICKS, failsafes, in_words, no_pose, no_vehicle, order_in_words, request
+from arva_hil.events.words.reasons import (
+    STICKS,
+    WordFormatter,
+    failsafes,
+    in_words,
+    no_pose,
+    no_vehicle,
+    order_in_words,
+    request,
+)
 from arva_hil.events.words.text import Level, Notice, placed
 
 
@@ -33,17 +41,6 @@ def _name(event: Event) -> str:
     return event.vehicle if isinstance(event, events.VehicleEvent) else ""
 
 
-class _Formatter(string.Formatter):
-    """`{field:yes|no}`: one of two texts, by whether the field is true; `{field:kind}`: by a function of _IN_WORDS."""
-
-    def format_field(self, value: Any, spec: str) -> str:
-        yes, either, no = spec.rpartition("|")
-        if either:
-            return yes if value else no
-        return _IN_WORDS[spec](value) if spec in _IN_WORDS else str(super().format_field(value, spec))
-
-
-_FORMATTER: Final = _Formatter()
 _WAITING: Final = {
     "link": "the autopilot's link",
     "autopilot": "an autopilot",
@@ -82,6 +79,7 @@ _IN_WORDS: Final[Mapping[str, Callable[[Any], str]]] = {
     "values": lambda values: "".join(f" {value}" for value in values),
     "waiting": _WAITING.__getitem__,
 }
+_FORMATTER: Final = WordFormatter(_IN_WORDS)
 _NOTED: Final = (
     "victim {number}{wanted:of}: transmitter {transmitter:number} at {event:place} of the take-off point"
     "{sure:|, not sure}, {marked:marked by the receiver|recorded, not marked}"

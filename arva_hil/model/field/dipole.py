@@ -58,10 +58,11 @@ class Transmitters:
 
     def field_at(self, point: Array) -> Array:
         """Return the field (M, 3) of each transmitter at a point (3,), NED, as from `dipole_field`, in the medium."""
-        strengths = self.strengths * self.medium.loss(self.positions)
+        air = self.medium is AIR
+        strengths = self.strengths if air else self.strengths * self.medium.loss(self.positions)
         moments = _columns(_moments(self.rotations, strengths))
         h = field_of(point[:, None, None], _columns(self.positions), moments)[:, :, 0].T
-        return self.medium.applied(h, point - self.positions)
+        return h if air else self.medium.applied(h, point - self.positions)
 
     def ranges(self, point: ArrayLike) -> dict[int, float]:
         """Return the distance [m] of each transmitter from a point (3,) in NED, by id."""
