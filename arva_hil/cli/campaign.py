@@ -79,7 +79,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
             raise Failure(FAILED, f"{_progress(kept, every)}; the same command without --merge flies the rest")
         stopped = bool(left) and _fly(options, every, left, kept)
         if stopped:
-            _say(f"interrupted: {_progress(kept, every)}; the same command continues it")
+            tell(f"interrupted: {_progress(kept, every)}; the same command continues it")
             return INTERRUPTED
         with interrupting():  # again, after the guard of the flights: the same command continues it
             kept.export(planned.key for planned in every)
@@ -92,7 +92,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
     if not options.json:
         for line in report.text(rows, plan.success_m).splitlines():
             show(line)
-    _say(f"{table}, {page}")
+    tell(f"{table}, {page}")
     if failed := [row for row in rows if row.failed]:
         raise Failure(FAILED, f"{len(failed)} of {len(rows)} trials failed; the first one: {failed[0].outcome}")
     return OK
@@ -123,7 +123,7 @@ def _fly(
         where = cluster(options.scheduler, trials, within_s=within_s) if options.scheduler else None
         with where or processes(min(options.jobs or cores, trials)) as pool, SignalGuard() as guard:
             connected = True
-            _say(f"{len(every)} trials, {done} of them done; {pool.name}")
+            tell(f"{len(every)} trials, {done} of them done; {pool.name}")
             with closing(_Progress(len(every), done)) as progress:
                 for some in pool.fly(left, trial.fly, stopped=stopped):
                     kept.add(*(rows := [row(planned, result) for planned, result in some]))
@@ -134,7 +134,7 @@ def _fly(
         raise UsageError(error) from None
     except WorkerPoolError as error:
         if connected and isinstance(error, Unreachable):
-            _say(f"{error}; {_progress(kept, every)}; waiting for it, at most {_RETURN_S:g} s")
+            tell(f"{error}; {_progress(kept, every)}; waiting for it, at most {_RETURN_S:g} s")
             left = [planned for planned in left if not kept.done(planned.key)]
             with interrupting():
                 return _fly(options, every, left, kept, within_s=_RETURN_S)
@@ -146,12 +146,6 @@ def _fly(
 def _progress(kept: Results, every: Sequence[Planned]) -> str:
     done = sum(kept.done(planned.key) for planned in every)
     return f"{done} of {len(every)} results are in {kept.path}"
-
-
-def _say(line: str) -> None:
-    """Print a line on stderr; an error of stderr is ignored."""
-    with contextlib.suppress(OSError):
-        tell(line)
 
 
 class _Progress:
@@ -176,7 +170,7 @@ class _Progress:
                 self._bar.refresh()
         else:
             left = time_left(self.done - self._before, self._total - self.done, self._clock.now())
-            _say(f"{self.done} of {self._total} trials" + (f", {left}" if left else ""))
+            tell(f"{self.done} of {self._total} trials" + (f", {left}" if left else ""))
 
     def close(self) -> None:
         with contextlib.suppress(OSError):

@@ -9,23 +9,22 @@ from typing import Final
 
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
+from arva_hil.config import Scenario, ScenarioError, newer_keys, parse
+from arva_hil.config.campaign import is_plan, parse_plan
+from arva_hil.config.json_schema import schema_text
+from arva_hil.config.profiles import located, parse_profile, profile_kind
+from arva_hil.config.reading import read_text
 
 _COMMAND_LINES: Final = "file:the link of the command line"  # like no other
 
 
 def main(options: argparse.Namespace) -> int:
     if options.schema:
-        from arva_hil.config.json_schema import schema_text
-
         for line in schema_text(options.schema).splitlines():
             show(line)
         return OK
     if not options.files:
         raise UsageError("the following arguments are required: FILE", "see arva-hil check --help")
-    from arva_hil.config import ScenarioError  # slow, as all imports below
-    from arva_hil.config.profiles import located
-    from arva_hil.config.reading import read_text
-
     code = OK
     for name in options.files:
         try:
@@ -43,19 +42,13 @@ def main(options: argparse.Namespace) -> int:
 
 def _check(name: str, text: str) -> None:
     """Print a summary of a file. Raises ScenarioError, and UsageError for links that do not fit together."""
-    from arva_hil.config import newer_keys, parse
-    from arva_hil.config.campaign import is_plan, parse_plan
-    from arva_hil.config.profiles import parse_profile, profile_kind
-
     if of := profile_kind(text):
         parse_profile(text, of, name)
         show(f"{name}: ok: the profile of a {of}")
         own = f"profile: {json.dumps(os.path.basename(name))}"
         keys, hears = (f", {own}", "model: pulsed") if of == "transmitter" else ("", own)
         text = f"spec: 2\ntransmitters: [{{id: 0, ned: [0, 0, 0]{keys}}}]\nreceiver: {{{hears}}}"
-        from arva_hil.emulator.build import outside_norm  # with numpy
-
-        for remark in outside_norm(parse(text, name)):
+        for remark in _outside_norm(parse(text, name)):
             tell(f"{name}: warning: {remark.partition(': ')[2]}")
         return
     if is_plan(text):
@@ -84,8 +77,13 @@ def _check(name: str, text: str) -> None:
             )
     for fault in chosen.faults:
         show(f"  fault {fault}")
-    if newer_keys(chosen):
-        from arva_hil.emulator.build import outside_norm  # with numpy
+    for remark in _outside_norm(chosen):
+        tell(f"{name}: warning: {remark}")
 
-        for remark in outside_norm(chosen):
-            tell(f"{name}: warning: {remark}")
+
+def _outside_norm(chosen: Scenario) -> list[str]:
+    if not newer_keys(chosen):
+        return []
+    from arva_hil.emulator.build import outside_norm  # with numpy
+
+    return outside_norm(chosen)

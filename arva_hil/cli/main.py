@@ -7,6 +7,7 @@ import gc
 import importlib
 import inspect
 import io
+import itertools
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,7 +16,7 @@ from typing import Final
 
 from arva_hil import __version__, registry
 from arva_hil.cli import outcome
-from arva_hil.cli.arguments import arguments_of
+from arva_hil.cli.arguments import arguments_of, parser_of
 from arva_hil.cli.options import PREFIX, CommandParser, module_name
 from arva_hil.cli.outcome import Failure, UsageError
 from arva_hil.cli.terminal import StdoutError, StdoutReaderGone, abandon, flush, refuse_closed, reserve, show, tell
@@ -34,9 +35,7 @@ def unknown_variables(environment: Mapping[str, str], parser: CommandParser, com
     if not unread:
         return []
     known, typed = set(parser.variables), set(parser.typed_only)
-    for command in commands:
-        other = CommandParser(prog=command)
-        arguments_of(command)(other)
+    for other in map(parser_of, commands):
         known |= set(other.variables)
         typed |= set(other.typed_only)
     return [_say(name, known, typed) for name in sorted(unread - known)]
@@ -44,13 +43,8 @@ def unknown_variables(environment: Mapping[str, str], parser: CommandParser, com
 
 def commands_with(flag: str) -> list[str]:
     """Return the commands that have an option, at most three."""
-    found = []
-    for command in COMMANDS:
-        parser = CommandParser(prog=command)
-        arguments_of(command)(parser)
-        if any(flag in action.option_strings for action in parser.arguments):
-            found.append(command)
-    return found[:3]
+    found = (one for one in COMMANDS if any(flag in action.option_strings for action in parser_of(one).arguments))
+    return list(itertools.islice(found, 3))
 
 
 def _say(name: str, known: Iterable[str], typed: Iterable[str]) -> str:

@@ -120,7 +120,9 @@ class _Tally:
     """Counts the bytes and clock steps of a log, and reports its clock steps as events."""
 
     def __init__(self, log: TlogReader) -> None:
-        self.timeline = Timeline(log, stamped=log.stamped, tell=self._on_step)
+        self.timeline = Timeline(
+            log, stamped=log.stamped, tell=lambda: self._audience.emit([LogClockSet(0.0, log.path)])
+        )
         self._log = log
         self._audience = Audience([])
 
@@ -147,9 +149,6 @@ class _Tally:
                 f"{self._log.path}: {self._log.skipped} bytes of garbage, {self._log.torn} of an incomplete last record"
             )
         return lines
-
-    def _on_step(self) -> None:
-        self._audience.emit([LogClockSet(0.0, self._log.path)])
 
 
 def _out(options: argparse.Namespace, stack: ExitStack) -> Link:

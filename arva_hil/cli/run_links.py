@@ -118,8 +118,12 @@ def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
 
 def session(options: argparse.Namespace, **more: Any) -> Session:
     """Return a session with the vehicle that the options choose. `more`: see `Session`."""
-    target = {"target_system": options.target_system, "target_component": options.target_component}
-    return Session(**target, rate_hz=options.stream_rate, **more)
+    return Session(
+        target_system=options.target_system,
+        target_component=options.target_component,
+        rate_hz=options.stream_rate,
+        **more,
+    )
 
 
 _LARGEST: Final = 4096  # bytes

@@ -31,12 +31,9 @@ def reserve() -> None:
             os.fstat(fd)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number that is free: this one
-    if sys.stdin is None:
-        sys.stdin = open(0, closefd=False)  # noqa: SIM115 (for as long as the program runs)
-    if sys.stdout is None:
-        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
-    if sys.stderr is None:
-        sys.stderr = open(2, "w", errors="backslashreplace", closefd=False)  # noqa: SIM115
+    for fd, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:  # open for as long as the program runs
+            setattr(sys, name, open(fd, "w" if fd else "r", errors="backslashreplace", closefd=False))  # noqa: SIM115
 
 
 def refuse_closed(options: argparse.Namespace) -> None:

@@ -11,8 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from arva_hil.cli import replay
-from arva_hil.cli.arguments import arguments_of
-from arva_hil.cli.options import CommandParser
+from arva_hil.cli.arguments import parser_of
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
 from arva_hil.cli.recorded import write
 from arva_hil.cli.terminal import tell
@@ -55,10 +54,8 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
     folder = Path(options.record_or_log)
     if folder.is_file():
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
-        parser = CommandParser(prog="arva-hil view")
-        arguments_of("replay")(parser)
         chosen = ["--scenario", options.scenario] if options.scenario else []
-        code = replay.main(parser.parse([options.record_or_log, "--record", str(folder), *chosen], {}))
+        code = replay.main(parser_of("replay").parse([options.record_or_log, "--record", str(folder), *chosen], {}))
         if code == INTERRUPTED:
             return None
         if code != OK:
@@ -83,14 +80,15 @@ def serve(address: HostPort, state: RecordedState) -> Server:
         with lock:
             return state.field()
 
-    def time_line(query: Mapping[str, str], client: int) -> bytes:
-        return state.time_line()
-
-    def picture(query: Mapping[str, str], client: int) -> bytes:
-        return state.background()
-
-    names = {"/state.json": state_json, "/field.json": field_json, "/timeline.json": time_line}
-    return Server(address, {**names, "/background.png": picture})
+    return Server(
+        address,
+        {
+            "/state.json": state_json,
+            "/field.json": field_json,
+            "/timeline.json": lambda query, client: state.time_line(),
+            "/background.png": lambda query, client: state.background(),
+        },
+    )
 
 
 def _seconds(text: str) -> float:

@@ -15,3 +15,10 @@ def arguments_of(command: str) -> Callable[[CommandParser], None]:
         module_name(command)
     ]
     return found
+
+
+def parser_of(command: str) -> CommandParser:
+    """Return the parser of one of our own commands."""
+    parser = CommandParser(prog=f"arva-hil {command}")
+    arguments_of(command)(parser)
+    return parser
