@@ -90,8 +90,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
     except ResultsError as error:
         raise Failure(FAILED, error) from None
     if not options.json:
-        for line in report.text(rows, plan.success_m).splitlines():
-            show(line)
+        show(*report.text(rows, plan.success_m).splitlines())
     tell(f"{table}, {page}")
     if failed := [row for row in rows if row.failed]:
         raise Failure(FAILED, f"{len(failed)} of {len(rows)} trials failed; the first one: {failed[0].outcome}")
@@ -128,8 +127,7 @@ def _fly(
                 for some in pool.fly(left, trial.fly, stopped=stopped):
                     kept.add(*(rows := [row(planned, result) for planned, result in some]))
                     progress.done += len(rows)
-                    for new in rows if options.json else ():
-                        show_json(asdict(new))
+                    show_json(*(asdict(new) for new in rows if options.json))
     except MissingExtra as error:
         raise UsageError(error) from None
     except WorkerPoolError as error:

@@ -20,8 +20,7 @@ _COMMAND_LINES: Final = "file:the link of the command line"  # like no other
 
 def main(options: argparse.Namespace) -> int:
     if options.schema:
-        for line in schema_text(options.schema).splitlines():
-            show(line)
+        show(*schema_text(options.schema).splitlines())
         return OK
     if not options.files:
         raise UsageError("the following arguments are required: FILE", "see arva-hil check --help")
@@ -31,8 +30,7 @@ def main(options: argparse.Namespace) -> int:
             path = located(name)
             _check(path, read_text(path, "a scenario file"))
         except ScenarioError as error:
-            for problem in error.problems:
-                tell(problem)
+            tell(*error.problems)
             code = USAGE
         except UsageError as error:
             tell(error)
@@ -48,8 +46,7 @@ def _check(name: str, text: str) -> None:
         own = f"profile: {json.dumps(os.path.basename(name))}"
         keys, hears = (f", {own}", "model: pulsed") if of == "transmitter" else ("", own)
         text = f"spec: 2\ntransmitters: [{{id: 0, ned: [0, 0, 0]{keys}}}]\nreceiver: {{{hears}}}"
-        for remark in _outside_norm(parse(text, name)):
-            tell(f"{name}: warning: {remark.partition(': ')[2]}")
+        tell(*(f"{name}: warning: {remark.partition(': ')[2]}" for remark in _outside_norm(parse(text, name))))
         return
     if is_plan(text):
         from arva_hil.campaign.plan import size
@@ -75,10 +72,8 @@ def _check(name: str, text: str) -> None:
                 f"  {vehicle.name}/{receiver.name}: {receiver.receiver.rate_hz:g} Hz, {receiver.output_format} to "
                 f"{where}"
             )
-    for fault in chosen.faults:
-        show(f"  fault {fault}")
-    for remark in _outside_norm(chosen):
-        tell(f"{name}: warning: {remark}")
+    show(*(f"  fault {fault}" for fault in chosen.faults))
+    tell(*(f"{name}: warning: {remark}" for remark in _outside_norm(chosen)))
 
 
 def _outside_norm(chosen: Scenario) -> list[str]:

@@ -184,8 +184,7 @@ class Run:
         recorder = self._record.recorder if self._record else None
         every: tuple[Observer | None, ...] = (self._missing, self.printer, self._lines, recorder, self.page)
         self.observers: list[Observer] = [self, *filter(None, every), *self._plug_ins]
-        for line in describe(chosen, hidden=getattr(options, "hide_truth", False)):
-            self.printer.say(line)
+        self.printer.say(*describe(chosen, hidden=getattr(options, "hide_truth", False)))
         if recorder:
             recorder.broken_off = self._is_broken_off
         if patient and self._lines:
@@ -248,8 +247,7 @@ class Run:
         except BaseException as error:  # also SystemExit, of a plug-in
             failure = Failure(outcome.FAILED, outcome.unexpected_error(error))
             if self._verbose:
-                for line in outcome.traceback_lines(error):
-                    self.printer.say(line)
+                self.printer.say(*outcome.traceback_lines(error))
         self._guard.ending = True
         return self._finish(emulator, failure, counts(), lines())
 
@@ -271,8 +269,7 @@ class Run:
             except RecordError as error:
                 code = code or outcome.FAILED
                 said.append(Notice("error", str(error)))
-        for line in summary_lines(emulator) + lines:
-            self.printer.say(line)
+        self.printer.say(*summary_lines(emulator), *lines)
         for notice in said:
             self.printer.notice(notice)
         close_all(self._plug_ins, self.printer.notice)

@@ -46,16 +46,13 @@ def main(options: argparse.Namespace) -> None:
         names = (record.title, other.title)
         pairs = _paired(record, other)
         result = compared(receiver, only_receiver(other), pairs)
-    for line in _clocks(pairs):
-        tell(line)
+    tell(*_clocks(pairs))
     if not result:
         raise Failure(FAILED, "no signal in either record: is the format right?")
     if options.json:
-        for one in result:
-            show_json({**one.as_json(), "paired_by": pairs.how, "clock_offset_s": pairs.offset_s})
+        show_json(*({**one.as_json(), "paired_by": pairs.how, "clock_offset_s": pairs.offset_s} for one in result))
     else:
-        for line in lines(result, names):
-            show(line)
+        show(*lines(result, names))
     if options.out and picture:
         with needing("plots", "the picture of --out"):
             from arva_hil.records.comparing.picture import drawn

@@ -40,8 +40,7 @@ def main(options: argparse.Namespace) -> None:
         parser = commands.add_parser(name, help=f"of the package {package}")
         with contextlib.suppress(KindError):  # a broken package is reported when its command is used
             _add_options(parser, registry.COMMANDS[name].options)
-    for line in shtab.complete(root, options.shell).expandtabs().splitlines():
-        show(line)
+    show(*shtab.complete(root, options.shell).expandtabs().splitlines())
 
 
 def _add_options(parser: CommandParser, add: Callable[[CommandParser], None]) -> None:

@@ -95,18 +95,27 @@ def main(options: argparse.Namespace) -> None:
     chosen = common.scenario(options, fleet=True)
     origins = Origins(options, chosen)
     if options.json:
-        for name, value, origin in _options(options):
-            show_json({"key": name, "value": value, "from": origin})
-        for _, key, value in _rows(to_dict(chosen)):
-            if key:
-                show_json({"key": ".".join(map(str, key)), "value": value, "from": origins.of(key)})
+        show_json(
+            *({"key": name, "value": value, "from": origin} for name, value, origin in _options(options)),
+            *(
+                {"key": ".".join(map(str, key)), "value": value, "from": origins.of(key)}
+                for _, key, value in _rows(to_dict(chosen))
+                if key
+            ),
+        )
         return
-    show("# Options of `arva-hil run`. Weakest first: default, file, environment, command line.")
-    for name, value, origin in _options(options):
-        show(_beside(f"#   {name} {_NONE if value is None else value}", origin))
-    show("# The scenario:")
-    for lead, key, value in _rows(to_dict(chosen)):
-        show(_beside(f"{lead} {_plain(value)}", origins.of(key)) if key else lead)
+    show(
+        "# Options of `arva-hil run`. Weakest first: default, file, environment, command line.",
+        *(
+            _beside(f"#   {name} {_NONE if value is None else value}", origin)
+            for name, value, origin in _options(options)
+        ),
+        "# The scenario:",
+        *(
+            _beside(f"{lead} {_plain(value)}", origins.of(key)) if key else lead
+            for lead, key, value in _rows(to_dict(chosen))
+        ),
+    )
 
 
 def _options(options: argparse.Namespace) -> Iterator[tuple[str, Any, str]]:

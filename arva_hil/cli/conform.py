@@ -23,8 +23,12 @@ def main(options: argparse.Namespace) -> int:
             raise UsageError(f"--only: no clause {name!r}; {hint}")
     chosen = [clause for clause in every.values() if not options.only or clause.name in options.only]
     if options.list:
-        for clause in chosen:
-            show(f"{clause.name:<15} {clause.text} ({clause.section}){'; with --pty' if clause.pty else ''}")
+        show(
+            *(
+                f"{clause.name:<15} {clause.text} ({clause.section}){'; with --pty' if clause.pty else ''}"
+                for clause in chosen
+            )
+        )
         return OK
     if not options.command:
         raise UsageError("no command: write arva-hil conform -- ./my_decoder")

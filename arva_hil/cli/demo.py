@@ -149,8 +149,9 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
             emit=_news(surroundings) if team else None,
             log=log.row if log else None,
         )
-        for one in wires or ():
-            surroundings.printer.say(f"vehicle at {one.autopilot[0].name}, frames at {one.port[0].name}")
+        surroundings.printer.say(
+            *(f"vehicle at {one.autopilot[0].name}, frames at {one.port[0].name}" for one in wires or ())
+        )
         pace = Pace(clock.now())
         code = surroundings.drive(
             loop.emulator,
@@ -229,8 +230,7 @@ def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
     if flown.has_page:
         lines.append(f"to see it again: arva-hil view {options.record}")
     started_us = flown.clock.epoch_us + flown.start * 1e6
-    for line in lines + search_report.close_log(log, outcome, code, started_us):
-        tell(line)
+    tell(*lines, *search_report.close_log(log, outcome, code, started_us))
     return code
 
 

@@ -34,10 +34,8 @@ def main(options: argparse.Namespace) -> int:
     if options.json:
         show_json(found.as_json())
     else:
-        for line in lines(found):
-            show(line)
-    for doubt in found.doubts:
-        tell(f"warning: {doubt}")
+        show(*lines(found))
+    tell(*(f"warning: {doubt}" for doubt in found.doubts))
     return FAILED if found.doubts else OK
 
 

@@ -134,15 +134,13 @@ def _guarded(arguments: list[str]) -> int:
         return outcome.NO_READER
     except ArvaError as error:
         first, *rest = error.lines if isinstance(error, Failure) else getattr(error, "problems", ()) or [error]
-        for line in (f"arva-hil: {first}", *rest):
-            tell(line)
+        tell(f"arva-hil: {first}", *rest)
         if isinstance(error, StdoutError):
             abandon(sys.stdout)
         return error.code if isinstance(error, Failure) else outcome.USAGE
     except Exception as error:
         if {"-v", "-vv", "--verbose"} & set(arguments):
-            for line in outcome.traceback_lines(error):
-                tell(line)
+            tell(*outcome.traceback_lines(error))
         tell(f"arva-hil: {outcome.unexpected_error(error)}")
         return outcome.FAILED
 
@@ -176,8 +174,7 @@ def _command(arguments: list[str]) -> Callable[[], int | None]:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help
         return lambda: None
-    for line in unknown_variables(os.environ, parser, COMMANDS):
-        tell(f"warning: {line}")
+    tell(*(f"warning: {line}" for line in unknown_variables(os.environ, parser, COMMANDS)))
     refuse_closed(options)
     if name not in COMMANDS:
         return functools.partial(registry.COMMANDS[name].main, options)
@@ -187,8 +184,7 @@ def _command(arguments: list[str]) -> Callable[[], int | None]:
 def _show_help() -> None:
     others = {name: f"of the package {package}" for name, package in registry.COMMANDS.packages().items()}
     lines = "\n".join(f"  {name:<10} {what}" for name, what in (COMMANDS | others).items())
-    for line in HELP.format(commands=lines).splitlines():
-        show(line)
+    show(*HELP.format(commands=lines).splitlines())
 
 
 def _imported(name: str) -> ModuleType:

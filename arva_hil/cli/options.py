@@ -55,7 +55,7 @@ class CommandParser(argparse.ArgumentParser):
         super().__init__(formatter_class=_formatter, allow_abbrev=False, **kwargs)
         self._usual: Sequence[str] = ()  # the flags that --help lists; all without groups
         self._group: argparse._ActionsContainer = self
-        self._environment: dict[str, argparse.Action] = {}
+        self.variables: dict[str, argparse.Action] = {}  # environment variables
         self.typed_only: list[str] = []  # flags without an environment variable
         self._given: Sequence[str] = ()
         self.tells_sources = False  # True: the result has `sources`, the place where each option was given
@@ -94,7 +94,7 @@ class CommandParser(argparse.ArgumentParser):
         into = self if flags[0] in self._usual else self._group
         action = into.add_argument(*flags, default=default, help=help, **more)
         if environment:
-            self._environment[PREFIX + action.dest.upper()] = action
+            self.variables[PREFIX + action.dest.upper()] = action
         else:
             self.typed_only += flags
 
@@ -118,11 +118,6 @@ class CommandParser(argparse.ArgumentParser):
         """All arguments, positional ones too."""
         return self._actions
 
-    @property
-    def variables(self) -> list[str]:
-        """The names of the environment variables."""
-        return list(self._environment)
-
     def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> argparse.Namespace:
         """Parse the command line and the environment. Raises UsageError."""
         environment = os.environ if environment is None else environment
@@ -130,7 +125,7 @@ class CommandParser(argparse.ArgumentParser):
             arguments = ["--help" if argument == _ALL else argument for argument in arguments]
         self._given = arguments
         weaker: list[str] = []
-        for name, action in self._environment.items():
+        for name, action in self.variables.items():
             if value := environment.get(name):
                 weaker += self._from_environment(name, value, action)
         options = self.parse_args([*weaker, *arguments])
@@ -142,7 +137,7 @@ class CommandParser(argparse.ArgumentParser):
         """Return the source of each option that was given, by its name in the namespace."""
         nothing = argparse.Namespace(**{action.dest: None for action in self._actions})
         typed = vars(self.parse_args(arguments, nothing))
-        twins = {action.dest: name for name, action in self._environment.items() if environment.get(name)}
+        twins = {action.dest: name for name, action in self.variables.items() if environment.get(name)}
         return {
             dest: "command line" if value is not None else f"environment, {twins[dest]}"
             for dest, value in typed.items()
@@ -186,8 +181,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def _print_message(self, message: str, file: object = None) -> None:
         """Print the help on stdout. argparse itself hides an error of stdout."""
-        for line in message.splitlines():
-            show(line)
+        show(*message.splitlines())
 
     def error(self, message: str) -> NoReturn:
         hint = ""

@@ -31,8 +31,7 @@ def main(options: argparse.Namespace) -> None:
         if options.json:
             show_json(as_dict(sheet))
             continue
-        for line in ["", *lines(sheet)][n == 0 :]:
-            show(line)
+        show(*["", *lines(sheet)][n == 0 :])
     if options.out:
         _write(Path(options.out), sheets)
 

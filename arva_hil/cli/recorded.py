@@ -18,8 +18,7 @@ def loaded(folder: str) -> Recording:
     if not folder:
         raise UsageError("the record's name is empty: write the folder that --record has written")
     recording = load(Path(folder))
-    for note in recording.notes:
-        tell(f"note: {note}")
+    tell(*(f"note: {note}" for note in recording.notes))
     return recording
 
 

@@ -82,8 +82,7 @@ def main(options: argparse.Namespace) -> int:
         key = signing(options.signing_key, clock.epoch_us, stack)
         searchers = _searchers(options, members, workers, key, clock, stack)
         printer = Printer(sys.stderr)
-        for line in [*map(_links, searchers), *lines]:
-            printer.say(line)
+        printer.say(*map(_links, searchers), *lines)
         named = bool(members[0].name)
         under = background_of(options.map, None) if options.map else None
         state = functools.partial(State, "search", title, known=False, named=named, background=under)
@@ -281,6 +280,5 @@ def _tell_ends(searchers: Sequence[Searcher], printer: Printer, guard: SignalGua
         if one.log is not None:
             lines += close_log(one.log, one.outcome, code, started_us)
             code = code or (FAILED if one.log.error else OK)
-        for line in lines:
-            printer.say(f"{name}: {line}" if name else line)
+        printer.say(*(f"{name}: {line}" if name else line for line in lines))
     return code

@@ -66,17 +66,19 @@ class StdoutReaderGone(StdoutError):
     """Stdout is a pipe, and its reader has ended, as with `| head`."""
 
 
-def tell(line: object) -> None:
-    """Print a line for a person on stderr; a terminal that is too narrow gets it in rows."""
+def tell(*lines: object) -> None:
+    """Print lines for a person on stderr; a terminal that is too narrow gets them in rows."""
     try:
-        print(wrapped(one_line(line), columns_of(sys.stderr)), file=sys.stderr)
+        for line in lines:
+            print(wrapped(one_line(line), columns_of(sys.stderr)), file=sys.stderr)
     except OSError:  # the reader is gone, or the disk is full
         abandon(sys.stderr)
 
 
-def show(line: object) -> None:
-    """Print a line of data on stdout, without buffering. Raises StdoutError."""
-    _print(one_line(line))
+def show(*lines: object) -> None:
+    """Print lines of data on stdout, without buffering. Raises StdoutError."""
+    for line in lines:
+        _print(one_line(line))
 
 
 def show_marked(mark: str, line: object, *, paint: Callable[[str], str], further: int) -> None:
@@ -88,9 +90,10 @@ def show_marked(mark: str, line: object, *, paint: Callable[[str], str], further
     _print(paint(mark) + rows[len(mark) :])
 
 
-def show_json(value: Any) -> None:
-    """Print a JSON object in one line on stdout: ASCII without control characters. Raises StdoutError."""
-    _print(json.dumps(value).replace("\x7f", "\\u007f"))
+def show_json(*values: Any) -> None:
+    """Print JSON objects on stdout, one a line: ASCII without control characters. Raises StdoutError."""
+    for value in values:
+        _print(json.dumps(value).replace("\x7f", "\\u007f"))
 
 
 @contextlib.contextmanager

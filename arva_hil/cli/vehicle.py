@@ -47,8 +47,7 @@ def main(options: argparse.Namespace) -> int:
             vehicles.append(vehicle)
             logs.append(_Log(vehicle, options.failsafe or []))
             tell(f"vehicle {vehicle.system} at {lat:.7f}, {lon:.7f}, {alt:.1f} m")
-        for link in links:
-            tell(f"link: {link.name}")
+        tell(*(f"link: {link.name}" for link in links))
         tasks: list[Task] = [Simulator(vehicles, links, relays=len(vehicles) > 1 and len(links) > 1), *logs]
         return INTERRUPTED if common.attend(tasks, clock, until=options.duration) else OK
 

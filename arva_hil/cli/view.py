@@ -30,8 +30,7 @@ def main(options: argparse.Namespace) -> int:
         recording = _recording(options, stack)
         if recording is None:
             return INTERRUPTED
-        for note in recording.notes:
-            tell(f"warning: {note}")
+        tell(*(f"warning: {note}" for note in recording.notes))
         state = RecordedState(recording, background_of(options.map, recording.run.scenario if recording.run else None))
         if options.out:
             page = offline_page(state)
@@ -40,8 +39,7 @@ def main(options: argparse.Namespace) -> int:
             return OK
         server = serve(options.web, state)
         stack.callback(server.close)
-        for line in said_of_page(server.address, options.web):
-            tell(line)
+        tell(*said_of_page(server.address, options.web))
         first, last = recording.span_s
         tell(f"{recording.title}: {last - first:.0f} s; Ctrl-C ends")
         while not (guard.caught or guard.error) and clock.now() < options.duration:

@@ -26,11 +26,11 @@ _POSE: Final = ("GLOBAL_POSITION_INT", "ATTITUDE")
 
 
 def page_of_run(
-    kind: str, options: argparse.Namespace, chosen: Scenario, say: Callable[[str], None], *, named: bool
+    kind: str, options: argparse.Namespace, chosen: Scenario, say: Callable[..., None], *, named: bool
 ) -> WebPage | None:
     """Return the page of a run with a scenario; None without --web. Raises WebError if it cannot be served.
 
-    `say` is called with its address. `named`: there are several receivers.
+    `say` is called with the lines about its address. `named`: there are several receivers.
     """
     rate_hz = getattr(options, "stream_rate", None)
     datum = chosen.datum if not isinstance(chosen.datum, str) else None
@@ -69,7 +69,7 @@ def background_of(path: str | None, scenario: Scenario | None) -> Source | None:
     return terrain(grid) if isinstance(grid, TerrainGrid) else None
 
 
-def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Callable[[str], None]) -> WebPage | None:
+def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Callable[..., None]) -> WebPage | None:
     """Return the page at an address, None for none and "off".
 
     Raises WebError if it cannot be served. `say`: see above.
@@ -79,8 +79,7 @@ def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Ca
     from arva_hil.observers.web.page import WebPage
 
     page = WebPage(wanted, state())
-    for line in said_of_page(page.address, wanted):
-        say(line)
+    say(*said_of_page(page.address, wanted))
     return page
 
 
@@ -120,8 +119,7 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
 
         server = FoxgloveServer(messages(), wanted)
         where, address = f"messages for Foxglove: {server.url}", wanted._replace(port=server.port)
-        for line in _served(where, address, wanted, f"read the messages; --foxglove {FOXGLOVE} serves them"):
-            tell(line)
+        tell(*_served(where, address, wanted, f"read the messages; --foxglove {FOXGLOVE} serves them"))
         observers.append(server)
     if options.ros2:
         from arva_hil.observers.ros2 import Ros2Publisher

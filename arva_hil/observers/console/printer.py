@@ -66,9 +66,10 @@ class Printer:
     def notice(self, notice: Notice) -> None:
         self._put(text.notice(notice, self._colour, columns_of(self._stream)))
 
-    def say(self, line: str) -> None:
-        """Print one line that stays; a terminal that is too narrow gets it in rows."""
-        self._put(wrapped(one_line(line), columns_of(self._stream)))
+    def say(self, *lines: str) -> None:
+        """Print lines that stay; a terminal that is too narrow gets them in rows."""
+        for line in lines:
+            self._put(wrapped(one_line(line), columns_of(self._stream)))
 
     def settle(self, report: StatusReport | None = None) -> None:
         """Print the status for the last time, as it is or as in `report`. Later lines come below it."""
