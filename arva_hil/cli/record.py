@@ -25,7 +25,7 @@ from arva_hil.links.url import Address, place
 from arva_hil.observers.console import Printer
 from arva_hil.records.fitting import FitError
 from arva_hil.records.fitting.noise_levels import LISTENS_TO_MOTORS, noise_levels, noise_profile
-from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceivedFrames, ReceiverLog, Surveyed, surveyed_scenario
+from arva_hil.records.received import AUTOPILOT, RECEIVER, ReceivedFrames, ReceiverLog, surveyed_scenario
 from arva_hil.records.writing import Recorder, RecordError, RecordLayout
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience
@@ -96,7 +96,7 @@ def write_noise(folder: Path) -> None:
 def surveyed(options: argparse.Namespace) -> Scenario:
     """Return the scenario of the surveyed transmitters. Raises UsageError."""
     try:
-        scenario = surveyed_scenario([Surveyed(*one) for one in options.transmitter or ()])
+        scenario = surveyed_scenario(options.transmitter or ())
     except ValueError as error:
         raise UsageError(f"--transmitter: {error}") from None
     return replace(scenario, receiver=LISTENS_TO_MOTORS) if getattr(options, "noise", False) else scenario
@@ -143,13 +143,13 @@ class Ending:
 
     def finish(self, code: int, counts: dict[str, int]) -> int:
         """Close the record and print its content. Returns the exit code; raises Failure if something is missing."""
-        log, d = self._log, self._log.received.decoder
+        log, made, d = self._log, self._log.made, self._log.received.decoder
         lacks = self._lacks()
         if lacks and code == OK:
             code = NO_LINK if log.missing else FAILED
         self.close(code, "; ".join(lacks) or "finished", counts)
         tell(
-            f"{log.frames} frames, {log.no_pose} without a pose, {d.lost} lost, {d.bad_crc} bad checksums, "
+            f"{made.frames} frames, {made.no_pose} without a pose, {d.lost} lost, {d.bad_crc} bad checksums, "
             f"{d.dropped} bytes dropped, {log.received.restarts} restarts"
         )
         if lacks:
@@ -172,9 +172,9 @@ class Ending:
         lacks = []
         if log.session.vehicle is None:
             lacks.append(f"no poses: {no_vehicle(log.session.why_no_vehicle())}")
-        elif log.frames and log.no_pose == log.frames:
+        elif log.made.frames and log.made.no_pose == log.made.frames:
             lacks.append("frames without poses: the autopilot has sent no position and attitude with home")
-        if not log.frames:
+        if not log.made.frames:
             lacks.append(f"poses without frames: {doubt(log, self._format)}" if not lacks else doubt(log, self._format))
         return lacks
 

@@ -16,7 +16,7 @@ from arva_hil.events import BytesSent, FrameMade, HeartbeatMissing, ReceiverRest
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.comparing import Comparison, compared, emulated_again, paired_frames
 from arva_hil.records.reading import RecordingError, load
-from arva_hil.records.received import RECEIVER, KeptBytes, ReceivedFrames, ReceiverLog, Surveyed, surveyed_scenario
+from arva_hil.records.received import RECEIVER, KeptBytes, ReceivedFrames, ReceiverLog, surveyed_scenario
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.rehearsed import rehearse
 from tools.real.rehearsal import EPOCH_US, HOME, Waypoint
@@ -158,7 +158,8 @@ def test_two_flights_are_paired_by_their_places(tmp_path: Path) -> None:
 
 
 POINTS = [Waypoint(0, -10, 0, -3, 0), Waypoint(10, -10, 0, -3, 0), Waypoint(30, 20, 0, -3, 60)]
-PLACE = Surveyed(1, *(float(value) for value in LocalFrame(*HOME).lla([20.0, 5.0, 0.0])))
+LAT, LON, ALT = (float(value) for value in LocalFrame(*HOME).lla([20.0, 5.0, 0.0]))
+PLACE = (1, LAT, LON, ALT)
 
 
 def log_of() -> ReceiverLog:

@@ -19,7 +19,6 @@ from arva_hil.records.fitting.noise_levels import noise_levels, noise_profile
 from arva_hil.records.fitting.profile import profile, scenario
 from arva_hil.records.fitting.scatter import Gps
 from arva_hil.records.reading import Recording, load
-from arva_hil.records.received import Surveyed
 from tests.once import once
 from tests.said import says
 from tools.real.profiles import drawn, misses
@@ -166,8 +165,8 @@ def test_a_receiver_of_pulses_is_no_receiver_of_the_paper(tmp_path: Path) -> Non
 def test_a_surveyed_place_100_m_off_is_said(tmp_path: Path) -> None:
     chosen, truth = drawn(5)
     wrong = LocalFrame(*HOME).lla([truth["transmitter 1 north"] + 100, truth["transmitter 1 east"], 0.0])
-    place = Surveyed(1, *(float(value) for value in wrong))
-    folder = rehearse(tmp_path / "r", replace(chosen, navigation_error=None), SHORT[:9], surveyed=[place])
+    lat, lon, alt = (float(value) for value in wrong)
+    folder = rehearse(tmp_path / "r", replace(chosen, navigation_error=None), SHORT[:9], surveyed=[(1, lat, lon, alt)])
     found = fitted(folder, EXACT)
     (doubt,) = [one for one in found.doubts if "surveyed place" in one]
     assert 80 < float(doubt.split("about ")[1].split(" m")[0]) < 115

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
-import io
 import math
 from collections.abc import Iterator
 from typing import Any, BinaryIO, Final
@@ -20,7 +20,6 @@ COLUMNS: Final = (
     "true_range_m search_phase search_north_m search_east_m search_down_m"
 ).split()
 _SEARCH: Final = 4  # the last columns
-_BATCH: Final = 1 << 16  # characters
 
 
 def write(recording: Recording, out: BinaryIO) -> None:
@@ -28,16 +27,9 @@ def write(recording: Recording, out: BinaryIO) -> None:
 
     The search's columns are those of its newest step before the frame. A search alone has a row for each step.
     """
-    pending = io.StringIO()
-    table = csv.writer(pending, lineterminator="\n")
+    table = csv.writer(codecs.getwriter("utf-8")(out), lineterminator="\n")
     table.writerow(COLUMNS)
-    for row in _rows(recording):
-        table.writerow(row)
-        if pending.tell() > _BATCH:
-            out.write(pending.getvalue().encode())
-            pending.seek(0)
-            pending.truncate()
-    out.write(pending.getvalue().encode())
+    table.writerows(_rows(recording))
 
 
 def _rows(recording: Recording) -> Iterator[list[Any]]:

@@ -56,9 +56,9 @@ class FlightTrack(NamedTuple):
     def parts(self) -> Iterator[FlightTrack]:
         """Yield the pieces without gaps."""
         for first, end in pairwise([0, *np.flatnonzero(self.gaps).tolist(), len(self.rows)]):
-            piece = slice(first, end)
-            yield FlightTrack(
-                self.name, self.receiver, self.rows[piece], self.time_s[piece], self.lla[piece], self.gaps[piece]
+            here = slice(first, end)
+            yield self._replace(
+                rows=self.rows[here], time_s=self.time_s[here], lla=self.lla[here], gaps=self.gaps[here]
             )
 
     def points(self) -> Iterator[tuple[float, list[float], float]]:
@@ -82,8 +82,7 @@ class Landmark(NamedTuple):
 
 def rounded(lla: NDArray[Any]) -> Floats:
     """Return places (…, 3) with degrees to 8 decimals (1 mm) and altitudes to 3."""
-    result: Floats = np.concatenate([np.round(lla[..., :2], 8), np.round(lla[..., 2:], 3)], axis=-1)
-    return result
+    return np.concatenate([np.round(lla[..., :2], 8), np.round(lla[..., 2:], 3)], axis=-1)
 
 
 def moment(recording: Recording, time_s: float) -> str:
@@ -126,17 +125,20 @@ def _found(recording: Recording) -> Iterator[Landmark]:
     search = recording.search
     if search is None:
         return
-    count, last = len(search.victims), (search.found,) if search.found else ()
-    for number, found in enumerate(search.victims or last, 1):
-        if found.lat_lon is not None:
-            order = f"{number} of {count} in the order of probing; " if count else ""
-            yield _place_found(search, found, found.lat_lon, order + ("" if found.sure else "not sure; ") * bool(count))
+    for number, found in enumerate(search.victims, 1):
+        doubt = "" if found.sure else "not sure; "
+        order = f"{number} of {len(search.victims)} in the order of probing; {doubt}"
+        yield from _place_found(search, found, order, found.id)
+    if search.found and not search.victims:
+        yield from _place_found(search, search.found, "", search.target)
 
 
-def _place_found(search: RecordedSearch, found: RecordedPlace, lat_lon: tuple[float, float], order: str) -> Landmark:
-    down = found.down or 0.0
-    alt = search.origin[2] - down if search.origin else 0.0
-    there = LocalFrame(*lat_lon, alt)
+def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: int | None) -> Iterator[Landmark]:
+    """Yield the place, if it is known on Earth."""
+    if found.lat_lon is None:
+        return
+    alt = search.origin[2] - (found.down or 0.0) if search.origin else 0.0
+    there = LocalFrame(*found.lat_lon, alt)
     outline = [(north - found.north, east - found.east, 0.0) for north, east in found.outline(PROBABILITY)]
     edge = np.stack(there.lla(outline), axis=-1)[:, :2].tolist() if outline else []
     about = f"{order}{search.how}; no uncertainty is known"
@@ -148,10 +150,9 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, lat_lon: tuple[fl
         )
         if (spread := sigma_of(found.relative_covariance)) is not None:
             about += f"; relative to the drone ± {in_metres(spread)}"
-    id_ = found.id if search.victims else search.target
     name = "place found" if id_ is None else f"place found: transmitter {id_}"
-    lat, lon, alt = rounded(np.array([*lat_lon, alt])).tolist()
-    return Landmark("found", name, about, (lat, lon, alt), [(round(a, 8), round(b, 8)) for a, b in edge], id_)
+    lat, lon, alt = rounded(np.array([*found.lat_lon, alt])).tolist()
+    yield Landmark("found", name, about, (lat, lon, alt), [(round(a, 8), round(b, 8)) for a, b in edge], id_)
 
 
 def _transmitters(recording: Recording) -> Iterator[Landmark]:

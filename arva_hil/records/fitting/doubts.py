@@ -42,11 +42,8 @@ def _of_model(problem: Estimation, fit: ReceiverFit) -> Iterator[str]:
         farthest = max(float(flight.d_m.max()) for flight in fit.flights)
         if farthest > _PAPER_M:
             signs.append(f"d is up to {farthest:.0f} m, this model ends at {_PAPER_M:g} m")
-    turned = any(
-        np.isfinite(flight.delta).any() and np.ptp(flight.delta[np.isfinite(flight.delta)]) > 0.2
-        for flight in fit.flights
-    )
-    if fit.model == "rssi" and turned:
+    deltas = [flight.delta[np.isfinite(flight.delta)] for flight in fit.flights]
+    if fit.model == "rssi" and any(len(delta) and np.ptp(delta) > 0.2 for delta in deltas):
         signs.append("δ changes, and this model has one antenna and no δ")
     if fit.d_scatter > _POOR:
         signs.append(f"the residuals of d scatter by {100 * fit.d_scatter:.0f} %")
@@ -58,10 +55,8 @@ def _of_model(problem: Estimation, fit: ReceiverFit) -> Iterator[str]:
 def _of_places(problem: Estimation, fit: ReceiverFit) -> Iterator[str]:
     for index, id_ in enumerate(fit.ids):
         for flight in fit.flights:
-            if id_ not in flight.places:
-                continue
             mine = flight.part(flight.who == index)
-            if not len(mine):
+            if id_ not in flight.places or not len(mine):
                 continue
             position, _ = mine.poses(0.0)
             nearest = int(mine.d_m.argmin())

@@ -11,6 +11,9 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import least_squares, minimize
 
 from arva_hil.records.fitting.flight import Floats, RecordedFlight, thinned
 from arva_hil.records.fitting.parameters import Parameter, name_of, receiver_parameters, transmitter_parameters
@@ -50,10 +53,6 @@ class Part(NamedTuple):
     bad: Floats
 
 
-_NoiseProblem = tuple[Part, Predicted, Linear, Floats]
-"""Readings, their prediction, their residuals, and their derivatives by the parameters."""
-
-
 class Estimation:
     """One estimation. Remembers the parameters, the scatter and which readings are used."""
 
@@ -61,8 +60,6 @@ class Estimation:
         self.flights = list(flights)
         self.model = model
         self.gps = gps
-        self.ids = flights[0].ids
-        self.names = [name_of(id_) for id_ in self.ids]
         self.scatter = USUAL
         self.used = [np.ones(len(flight), bool) for flight in self.flights]
         self.bad = [np.ones(len(flight)) for flight in self.flights]
@@ -81,6 +78,15 @@ class Estimation:
             settled = self._refine(look_for_outliers=number in _OUTLIER_ROUNDS)
             if settled and number > max(*_SCATTER_ROUNDS, *_OUTLIER_ROUNDS):
                 break
+
+    @property
+    def ids(self) -> Sequence[int]:
+        return self.flights[0].ids
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the transmitters."""
+        return [name_of(id_) for id_ in self.ids]
 
     @property
     def predictor(self) -> Predictor:
@@ -151,10 +157,8 @@ class Estimation:
             columns.append(self._change(part, more, rows) / step)
         return np.stack(columns, axis=1)
 
-    def _has_delta(self, flight: RecordedFlight) -> Floats:
-        if self.model == "rssi":
-            return np.zeros(len(flight), bool)
-        return np.isfinite(flight.delta)
+    def _has_delta(self, flight: RecordedFlight) -> NDArray[np.bool_]:
+        return np.isfinite(flight.delta) & (self.model != "rssi")
 
     def _rows(self, part: Part, theta: Floats, shift: Floats | float = 0.0) -> Floats:
         log_d, delta = residuals(part.flight, self.predictor.predict(part.flight, theta, shift))
@@ -168,10 +172,16 @@ class Estimation:
         return change
 
     def _start(self) -> None:
-        from scipy.optimize import least_squares
-
         best: tuple[float, Floats, list[Parameter]] | None = None
-        self._some = [thinned(flight, _START_READINGS) for flight in self.flights]
+        some = [thinned(flight, _START_READINGS) for flight in self.flights]
+
+        def rows(theta: Floats) -> Floats:
+            every = []
+            for flight in some:
+                log_d, delta = residuals(flight, self.predictor.predict(flight, theta))
+                every += [log_d / _ROBUST[0], delta[self._has_delta(flight)] / _ROBUST[1]]
+            return np.concatenate([*every, (theta - self.means) / self.sigmas])
+
         starts = []
         for index, id_ in enumerate(self.ids):
             flight = max(self.flights, key=lambda one: int((one.who == index).sum()))
@@ -188,18 +198,11 @@ class Estimation:
                 theta += [*start[:5].tolist(), float(start[5] - chosen[0][5])][: len(mine)]
                 if any(id_ in flight.places for flight in self.flights):
                     theta[-len(mine) : -len(mine) + 3] = [parameter.mean for parameter in mine[:3]]
-            found = least_squares(self._robust_rows, theta, loss="soft_l1", x_scale=self.sigmas, max_nfev=40)
+            found = least_squares(rows, theta, loss="soft_l1", x_scale=self.sigmas, max_nfev=40)
             if best is None or found.cost < best[0]:
                 best = (float(found.cost), found.x, self.parameters)
         assert best is not None
         _, self.theta, self.parameters = best
-
-    def _robust_rows(self, theta: Floats) -> Floats:
-        every = []
-        for flight in self._some:
-            log_d, delta = residuals(flight, self.predictor.predict(flight, theta))
-            every += [log_d / _ROBUST[0], delta[self._has_delta(flight)] / _ROBUST[1]]
-        return np.concatenate([*every, (theta - self.means) / self.sigmas])
 
     def _choose(self) -> None:
         """Use readings that are predicted within the range, and are not mostly noise."""
@@ -207,32 +210,35 @@ class Estimation:
             predicted = self.predictor.predict(flight, self.theta)
             noise = max(self.scatter.x, self.scatter.y) / predicted.shown
             used = (noise < _NOISY) & (predicted.log_d > math.log(max(_NEAR * self.gps.sigma_m, 0.1)))
-            used &= self._bends(n) < _BENT
+            _, linear = self.linear(Part(flight, self.bad[n]), self.theta)
+            bends = np.zeros(len(flight))  # beyond what the derivatives say, by the error of GPS [rad, of ln d]
+            np.maximum.at(bends, linear.reading, self.gps.sigma_m**2 * np.linalg.norm(linear.bend, axis=1))
+            used &= bends < _BENT
             if flight.heard_until_m is not None:
                 used &= predicted.log_d < math.log(_NEAR_LIMIT * flight.heard_until_m)
             if used.sum() >= len(self.theta):
                 self.used[n] = used
 
-    def _bends(self, n: int) -> Floats:
-        """Return how far GPS moves each reading of a flight (N,) beyond what its derivatives say [rad, of ln d]."""
-        _, linear = self.linear(Part(self.flights[n], self.bad[n]), self.theta)
-        bends = np.zeros(len(self.flights[n]))
-        np.maximum.at(bends, linear.reading, self.gps.sigma_m**2 * np.linalg.norm(linear.bend, axis=1))
-        return bends
-
     def _estimate_scatter(self) -> None:
         """Find the scatter with the highest likelihood."""
-        from scipy.optimize import minimize
-
-        problems = []
+        problems: list[tuple[Part, Predicted, Linear, Floats, Floats]] = []
         for part in self.parts():
             predicted, linear = self.linear(part, self.theta)
-            problems.append((part, predicted, linear, self.jacobian(part, self.theta, linear)))
-        told = self._noise_cost(problems)
+            of_gps = gps_covariance(part.flight, linear, self.gps)
+            problems.append((part, predicted, linear, self.jacobian(part, self.theta, linear), of_gps))
+
+        def cost(theta: Floats) -> float:
+            scatter = Scatter.of(theta)
+            total = 2.0 * max(0.0, theta[2] - math.log(2.0)) ** 2
+            for part, predicted, linear, jacobian, of_gps in problems:
+                matrix = own_covariance(part.flight, predicted, linear, scatter, part.bad) + of_gps
+                total += minus_log_likelihood(matrix, linear.residual, jacobian)
+            return float(total)
+
         start = self.scatter.theta
         simplex = np.vstack([start, *(start + 0.7 * row for row in np.eye(3))])
         found = minimize(
-            told,
+            cost,
             start,
             method="Nelder-Mead",
             bounds=[(usual - 6, usual + 6) for usual in USUAL.theta],
@@ -240,28 +246,12 @@ class Estimation:
         )
         without = found.x.copy()
         without[2] = math.log(_LEAST_AGE_S)
-        self.log_likelihood_gain = (told(without) - found.fun) / 2
+        self.log_likelihood_gain = (cost(without) - found.fun) / 2
         self.scatter = Scatter.of(found.x)
-        self._noise_information = _second_derivatives(told, found.x)
-
-    def _noise_cost(self, problems: Sequence[_NoiseProblem]) -> Callable[[Floats], float]:
-        by_gps = [gps_covariance(part.flight, linear, self.gps) for part, _, linear, _ in problems]
-
-        def cost(theta: Floats) -> float:
-            scatter = Scatter.of(theta)
-            total = 2.0 * max(0.0, theta[2] - math.log(2.0)) ** 2
-            for (part, predicted, linear, jacobian), of_gps in zip(problems, by_gps, strict=True):
-                matrix = own_covariance(part.flight, predicted, linear, scatter, part.bad) + of_gps
-                total += minus_log_likelihood(matrix, linear.residual, jacobian)
-            return float(total)
-
-        return cost
+        self._noise_information = _second_derivatives(cost, found.x)
 
     def _refine(self, *, look_for_outliers: bool) -> bool:
         """Generalized least squares with the present scatter. Returns True if little has changed."""
-        from scipy.linalg import cholesky, solve_triangular
-        from scipy.optimize import least_squares
-
         parts, lines, lowers, offsets = self.parts(), list[Linear](), list[Floats](), list[Floats]()
         for part in parts:
             predicted, linear = self.linear(part, self.theta)
@@ -297,8 +287,7 @@ class Estimation:
     def noise_covariance(self) -> Floats:
         """Return the covariance of the logarithms of the scatter."""
         values, vectors = np.linalg.eigh(self._noise_information)
-        result: Floats = (vectors / np.maximum(values, 1e-3)) @ vectors.T
-        return result
+        return np.asarray((vectors / np.maximum(values, 1e-3)) @ vectors.T)
 
 
 def _second_derivatives(cost: Callable[[Floats], float], at: Floats) -> Floats:

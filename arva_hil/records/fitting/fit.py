@@ -70,9 +70,7 @@ def _estimates(problem: Estimation, inverse: Floats) -> dict[str, FittedValue]:
         others = np.abs(correlations[n])
         others[n] = 0.0
         like = "" if told or others.max() < _LIKE else problem.parameters[int(others.argmax())].name
-        value, low, high = (
-            _shown(one, parameter.logarithm, parameter.scale) for one in (middle, middle - half, middle + half)
-        )
+        value, low, high = (parameter.shown(one) for one in (middle, middle - half, middle + half))
         if parameter.name.endswith("yaw"):  # a dipole and a receiver do not distinguish front and back
             back = 180 * math.floor((value + 90) / 180)
             value, low, high = value - back, low - back, high - back
@@ -86,10 +84,6 @@ def _estimates(problem: Estimation, inverse: Floats) -> dict[str, FittedValue]:
     return estimates
 
 
-def _shown(value: float, logarithm: bool, scale: float) -> float:
-    return math.exp(min(value, 50.0)) if logarithm else value * scale
-
-
 def _noise(problem: Estimation) -> list[FittedValue]:
     """Return the noise of the antennas: as the range of the paper's floor or in nA/m, and its ratio of y to x."""
     scatter, covariance = problem.scatter, problem.noise_covariance()
@@ -100,15 +94,16 @@ def _noise(problem: Estimation) -> list[FittedValue]:
     half = Z_95 * of
     if problem.model == "paper":
         floor_m = (6 * math.pi * largest) ** (-1 / 3)
-        first = FittedValue(
-            "floor_range_m", "m", floor_m, floor_m * math.exp(-half / 3), floor_m * math.exp(half / 3), known
-        )
         ratio = scatter.y / scatter.x
         of = math.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1], 0.0))
-        second = FittedValue(
-            "sensitivity y / x", "", ratio, ratio * math.exp(-Z_95 * of), ratio * math.exp(Z_95 * of), of < _WIDE / 2
-        )
-        third = FittedValue("sensitivity z", "", 0.6, 0.0, 1.0, False)
-        return [first, second, third]
-    na_m = largest * 2e6 * math.pi
-    return [FittedValue("noise_na_m", "nA/m", na_m, na_m * math.exp(-half), na_m * math.exp(half), known)]
+        return [
+            _within("floor_range_m", "m", floor_m, half / 3, known),
+            _within("sensitivity y / x", "", ratio, Z_95 * of, of < _WIDE / 2),
+            FittedValue("sensitivity z", "", 0.6, 0.0, 1.0, False),
+        ]
+    return [_within("noise_na_m", "nA/m", largest * 2e6 * math.pi, half, known)]
+
+
+def _within(name: str, unit: str, value: float, half: float, known: bool) -> FittedValue:
+    """Return a value whose logarithm has an interval of this half width."""
+    return FittedValue(name, unit, value, value * math.exp(-half), value * math.exp(half), known)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
 from arva_hil.emulator.setup import one_vehicle
-from arva_hil.emulator.world import Snapshot, VehicleWorld
+from arva_hil.emulator.world import VehicleWorld
 from arva_hil.errors import ArvaError
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.comparing.again import feed
@@ -70,10 +71,8 @@ class RecordedFlight:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def part(self, keep: NDArray[np.bool_]) -> RecordedFlight:
-        """Return some of the readings."""
-        from dataclasses import replace
-
+    def part(self, keep: NDArray[Any]) -> RecordedFlight:
+        """Return some of the readings. `keep`: True for them, or their numbers."""
         return replace(
             self,
             time_s=self.time_s[keep],
@@ -133,7 +132,7 @@ def flight_of(recording: Recording) -> RecordedFlight:
         attitude,
         float(d_m.max()) if lost else None,
         float(d_m[inner].max()) if inner.any() else None,
-        _d_steps(d_m),
+        (_step(d_m[d_m < 10]), _step(d_m[d_m >= 10])),
         _delta_step(delta),
         _places(recording, frame),
         frame_s,
@@ -146,9 +145,7 @@ def thinned(flight: RecordedFlight, most: int) -> RecordedFlight:
     """Return at most so many readings, evenly over the flight."""
     if len(flight) <= most:
         return flight
-    keep = np.zeros(len(flight), bool)
-    keep[np.linspace(0, len(flight) - 1, most).round().astype(int)] = True
-    return flight.part(keep)
+    return flight.part(np.linspace(0, len(flight) - 1, most).round().astype(int))
 
 
 def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
@@ -156,24 +153,22 @@ def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
     scenario = Scenario((), source=str(recording.folder))
     setup = one_vehicle(scenario, Session(passive=True))
     world = VehicleWorld(setup, {}, start=0.0, max_age_s=MOST_GAP_S)
-    seen: list[Snapshot] = []
+    seen: list[tuple[float, VehicleState]] = []
     due = -5.0
 
     def settle(now: float) -> None:
         nonlocal due
         while due <= now and (now - due >= _LOOK_AHEAD_S or world.is_known(due)):
-            snapshot = world.at(due)
-            if snapshot.pose is not None:
-                seen.append(snapshot)
+            if (pose := world.at(due).pose) is not None:
+                seen.append((due, pose))
             due += TRACK_S
 
     settle(feed(recording, setup, world, settle) + _LOOK_AHEAD_S)
     if not seen or world.datum.frame is None:
         raise FitError(f"{recording.folder}: frames without poses: the autopilot sent no position, attitude and home")
-    poses = [one.pose for one in seen if one.pose is not None]
+    times, poses = zip(*seen, strict=True)
     quaternions = np.array([pose.attitude for pose in poses])
-    times, places = np.array([one.t for one in seen]), np.array([pose.position for pose in poses])
-    return times, places, with_near_signs(quaternions), world.datum.frame
+    return np.array(times), np.array([p.position for p in poses]), with_near_signs(quaternions), world.datum.frame
 
 
 def with_near_signs(quaternions: Floats) -> Floats:
@@ -187,8 +182,7 @@ def _covered(time_s: Floats, track_s: Floats) -> NDArray[np.bool_]:
     """Return True for each time with poses before and after it in the track."""
     after = np.clip(np.searchsorted(track_s, time_s), 1, len(track_s) - 1)
     gap = np.minimum(np.abs(track_s[after] - time_s), np.abs(track_s[after - 1] - time_s))
-    covered: NDArray[np.bool_] = gap <= MOST_GAP_S
-    return covered
+    return np.asarray(gap <= MOST_GAP_S)
 
 
 def _places(recording: Recording, frame: LocalFrame) -> dict[int, Floats]:
@@ -200,12 +194,8 @@ def _places(recording: Recording, frame: LocalFrame) -> dict[int, Floats]:
     return {id_: np.asarray(frame.ned(lla.lat, lla.lon, lla.alt), float) for id_, lla in every}
 
 
-def _d_steps(d_m: Floats) -> tuple[float, float]:
-    """Return the steps in which d is shown, below and above 10 m."""
-    return tuple(_step(d_m[(d_m < 10) == near]) for near in (True, False))  # type: ignore[return-value]
-
-
 def _step(d_m: Floats) -> float:
+    """Return the step in which d is shown."""
     cm = np.unique(np.round(100 * d_m).astype(int))
     return float(np.gcd.reduce(cm)) / 100 if len(cm) > 3 else 0.01
 

@@ -52,19 +52,16 @@ _PASSES: Final[dict[str, Path]] = {
 
 def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
     """Return sentences about unknown values and the next pass; none if all is known."""
-    open_ = [
-        (n, parameter) for n, parameter in enumerate(problem.parameters) if not fit.estimates[parameter.name].identified
-    ]
+    open_, said = [], []
+    for n, parameter in enumerate(problem.parameters):
+        estimate = fit.estimates[parameter.name]
+        if not estimate.identified:
+            like = f", not from {estimate.like}" if estimate.like else ""
+            interval = f"{estimate.low:.2g} … {estimate.high:.2g} {parameter.unit}".rstrip()
+            said.append(f"the flight does not determine {parameter.name}{like}: {interval}")
+            open_.append((n, parameter))
     if not open_:
         return []
-    said = []
-    for _, parameter in open_:
-        estimate = fit.estimates[parameter.name]
-        like = f", not from {estimate.like}" if estimate.like else ""
-        said.append(
-            f"the flight does not determine {parameter.name}{like}: "
-            f"{estimate.low:.2g} … {estimate.high:.2g} {parameter.unit}".rstrip()
-        )
     before = np.sqrt(np.diag(fit.covariance))
     best: tuple[float, str, list[str]] | None = None
     for name, path in _PASSES.items():
@@ -105,5 +102,4 @@ def _information(problem: Estimation, path: Path) -> Floats:
     now, linear = problem.linear(part, problem.theta)
     matrix = covariance(planned, now, linear, problem.scatter, problem.gps, part.bad)
     jacobian = problem.jacobian(part, problem.theta, linear)
-    information: Floats = jacobian.T @ np.linalg.solve(matrix, jacobian)
-    return information
+    return np.asarray(jacobian.T @ np.linalg.solve(matrix, jacobian))

@@ -86,5 +86,4 @@ def _loads(recording: Recording, time_s: Floats) -> Floats:
     if not any(load for _, load in seen):
         raise FitError(f"{recording.folder}: the autopilot has sent no load of its motors (VFR_HUD, SERVO_OUTPUT_RAW)")
     times, loads = np.array(seen).T
-    found: Floats = np.interp(time_s, times, loads)
-    return found
+    return np.asarray(np.interp(time_s, times, loads))

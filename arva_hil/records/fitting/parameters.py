@@ -26,6 +26,10 @@ class Parameter(NamedTuple):
     scale: float = 1.0
     logarithm: bool = False
 
+    def shown(self, value: float) -> float:
+        """Return a value of the fit in the unit for a person."""
+        return math.exp(min(value, 50.0)) if self.logarithm else value * self.scale
+
 
 @dataclass(frozen=True)
 class FittedValue:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from arva_hil.records.fitting.flight import Floats, RecordedFlight
@@ -42,8 +42,6 @@ class ReceiverFit:
 
     def as_json(self) -> dict[str, Any]:
         """Return the fit as plain values."""
-        from dataclasses import asdict
-
         return {
             "model": self.model,
             "records": [flight.name for flight in self.flights],

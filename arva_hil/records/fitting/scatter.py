@@ -75,8 +75,7 @@ def gps_covariance(flight: RecordedFlight, linear: Linear, gps: Gps) -> Floats:
     """Return the part of the position's error (R, R), which does not depend on the scatter."""
     at = flight.time_s[linear.reading]
     together = gps.sigma_m**2 * np.exp(np.abs(at[:, None] - at[None]) * (-1 / gps.tau_s))
-    of_gps: Floats = together * (linear.place @ linear.place.T) + together**2 * (linear.bend @ linear.bend.T)
-    return of_gps
+    return np.asarray(together * (linear.place @ linear.place.T) + together**2 * (linear.bend @ linear.bend.T))
 
 
 def own_covariance(
@@ -94,8 +93,7 @@ def own_covariance(
     both = cos * sin * (xx - yy) / 3
     rows, which = np.arange(len(linear.reading)), linear.reading
     own = np.where(linear.turned, of_delta[which], of_d[which]) + scatter.age_s**2 * linear.age**2
-    result = np.zeros((len(rows), len(rows)))
-    result[rows, rows] = own * bad[which]
+    result = np.diag(own * bad[which])
     of_d_row, delta_row = which[n:], rows[n:]
     pair = (both[of_d_row] + scatter.age_s**2 * linear.age[of_d_row] * linear.age[delta_row]) * bad[of_d_row]
     result[delta_row, of_d_row] = result[of_d_row, delta_row] = pair

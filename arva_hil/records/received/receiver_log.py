@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.config import Scenario
+from arva_hil.config import DEFAULT, Lla, Scenario, Transmitter
 from arva_hil.emulator.engine import NOBODY, Addressees, EngineOptions
 from arva_hil.emulator.formats import zone_of
 from arva_hil.emulator.ports import Output
@@ -36,6 +37,9 @@ from firmware_proto.frame import INTERFERENCE, MORE_TRANSMITTERS, NOT_SEARCHING,
 
 AUTOPILOT, RECEIVER = "autopilot", "receiver"
 """The names of the two links."""
+
+Surveyed = tuple[int, float, float, float]
+"""A transmitter whose place was surveyed: its id, and degrees, degrees, metres AMSL."""
 
 SAMPLE_BYTES: Final = 1 << 14  # enough of any format for several frames
 
@@ -82,6 +86,15 @@ class ReceivedFrames:
         return events
 
 
+@dataclass
+class _Made:
+    """The frames made so far: their number, those without a pose, and the newest."""
+
+    frames: int = 0
+    no_pose: int = 0
+    last: FrameMade | None = None
+
+
 class ReceiverLog:
     """Remembers the vehicle, the frames that wait for their poses, and the faults.
 
@@ -89,9 +102,10 @@ class ReceiverLog:
     - `received`: the receiver's frames.
     - `start`: of the record. `timeout_s`: without a heartbeat, until there is an event.
     - `max_age_s`: an older pose is not used.
-
-    Counters: `frames`, `no_pose` (frames without a pose).
+    - `made`: the counters of frames. `missing`: no heartbeat came in time.
     """
+
+    options: Final = EngineOptions(_PATIENCE_S, tell_packets=True, tell_status=True, needs_times=True)
 
     def __init__(
         self,
@@ -103,18 +117,16 @@ class ReceiverLog:
         timeout_s: float = math.inf,
         max_age_s: float = 2.0,
     ) -> None:
-        self.options = EngineOptions(_PATIENCE_S, tell_packets=True, tell_status=True, needs_times=True)
         self.session = session
         self.received = received
         self.world = VehicleWorld(
             VehicleSetup(_ABOUT[0], AUTOPILOT, session, scenario, ()), {}, start=start, max_age_s=max_age_s
         )
-        self.frames = self.no_pose = 0
-        self.missing = False  # no heartbeat came in time
+        self.made = _Made()
+        self.missing = False
         self._mounting = Mounting(scenario)
         self._start = self._now = start
         self._missing_from = start + timeout_s
-        self._last: FrameMade | None = None
         self._next_status = start
         self._events: list[Event] = []
         self._outputs: list[Output] = []
@@ -181,31 +193,29 @@ class ReceiverLog:
     def counts(self) -> dict[str, int]:
         """Return counters by name."""
         d, restarts = self.received.decoder, self.received.restarts
-        of_frames = {"frames": self.frames, "no_pose": self.no_pose, "restarts": restarts, "lost": d.lost}
+        of_frames = {"frames": self.made.frames, "no_pose": self.made.no_pose, "restarts": restarts, "lost": d.lost}
         return {**of_frames, "bad_crc": d.bad_crc, "bytes_dropped": d.dropped, **self.session.counts()}
 
     def _status(self) -> StatusReport:
         session, now = self.session, self._now
-        receiver = ReceiverStatus(_ABOUT[1], self._last, self.frames, 0, self.world.at(now).transmitters)
+        receiver = ReceiverStatus(_ABOUT[1], self.made.last, self.made.frames, 0, self.world.at(now).transmitters)
         found = session.vehicle
         label, source = (found.short, (AUTOPILOT, found.system)) if found else ("", None)
         return StatusReport(now, [VehicleStatus(_ABOUT[0], label, session.rates(now), [receiver], (), source)])
 
     def _on_receiver(self, data: bytes, now: float) -> None:
-        at = min(now, self._now) if math.isinf(now) else now
-        self._events += self.received.feed(data, now, at)
+        self._events += self.received.feed(data, now, self._now if math.isinf(now) else now)
 
     def _make_frames(self, now: float, *, final: bool = False) -> None:
         waiting = self.received.waiting
         while waiting and (final or self.world.is_known(waiting[0].t) or now - waiting[0].t >= _PATIENCE_S):
             came = waiting.popleft()
-            seen = self.world.at(came.t)
-            self._last = self._made(came, seen)
-            self.frames += 1
-            self.no_pose += self._last.pose is None
-            self._events.append(self._last)
+            self.made.last = event = self._frame_made(came, self.world.at(came.t))
+            self.made.frames += 1
+            self.made.no_pose += event.pose is None
+            self._events.append(event)
 
-    def _made(self, came: _Waiting, seen: Snapshot) -> FrameMade:
+    def _frame_made(self, came: _Waiting, seen: Snapshot) -> FrameMade:
         pose = self._mounting.pose(seen.pose, came.t - self._start, swings=True)
         ranges = seen.transmitters.ranges(pose.position) if pose else {}
         slots = [
@@ -221,10 +231,30 @@ class ReceiverLog:
             searching=not status & NOT_SEARCHING,
             failed=bool(status & SELF_TEST_FAULT),
         )
-        age_s = seen.age_s if pose else None
         return FrameMade(
-            came.t, *_ABOUT, self.frames, instant_s, seen.boot_s, pose, age_s, reading, came.frame, True, 0.0, (), pose
+            came.t,
+            *_ABOUT,
+            self.made.frames,
+            instant_s,
+            seen.boot_s,
+            pose,
+            seen.age_s if pose else None,
+            reading,
+            came.frame,
+            True,
+            0.0,
+            (),
+            pose,
         )
+
+
+def surveyed_scenario(places: Sequence[Surveyed]) -> Scenario:
+    """Return a scenario with these transmitters. Their attitudes are not known, and have the default.
+
+    Without places it has no transmitters. Raises ValueError if an id occurs twice.
+    """
+    transmitters = tuple(Transmitter(id=id_, lla=Lla(*place)) for id_, *place in places)
+    return Scenario(transmitters, source="surveyed places" if places else DEFAULT.source)
 
 
 def _restarted(before: _Waiting, came: _Waiting) -> bool:
