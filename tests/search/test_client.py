@@ -837,6 +837,6 @@ def test_set_points_never_pause_while_they_steer(make: Callable[[], Any]) -> Non
     world, modes = flown(make)
     times = [at for at, _ in set_points(world)]
     assert times[-1] - times[0] > 8
-    assert widest_gap(times) < (0.25 if make is px4 else 0.45)
+    assert widest_gap(times) < 0.25
     if make is px4:
         assert [mode for mode, _ in itertools.groupby(mode for _, mode in modes)][-3:] == [OFFBOARD, LAND, OFFBOARD]

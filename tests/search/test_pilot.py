@@ -153,6 +153,26 @@ def test_set_points_never_stop_while_the_link_lives() -> None:
     assert widest_gap(at for at, _ in set_points(world)) <= 0.25
 
 
+@BOTH
+def test_set_points_wait_for_no_message_of_the_vehicle_and_no_step(make: Callable[[], Any]) -> None:
+    """One that left a little after a step is due a little after the next step, and nothing else wakes the search."""
+    world = hunting(make())
+    due = world.client._due
+
+    def slow(now: float) -> tuple[bytes, bytes]:
+        world.clock.wait(world.clock.now() + 0.001)
+        return due(now)
+
+    world.client._due = slow  # type: ignore[method-assign]
+    world.clock.wait(world.clock.now() + 0.3)
+    begun = world.clock.now()
+    world.pass_s(0.01)
+    world.client._due = due  # type: ignore[method-assign]
+    world.between = lambda data: b""
+    world.pass_s(1.0)
+    assert widest_gap(at for at, _ in set_points(world) if at >= begun) <= 0.21
+
+
 @pytest.mark.parametrize("refused", ["late", "full"])
 def test_a_set_point_that_did_not_leave_is_sent_again_at_once(refused: str) -> None:
     """On a loaded computer: every other look at the link is held up for 60 ms, or its buffer is full.

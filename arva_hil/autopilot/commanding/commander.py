@@ -94,18 +94,19 @@ class SetPoints:
     def __init__(self) -> None:
         self.velocity = _STILL
         self.yaw = 0.0
-        self._last = self._next = -math.inf
+        self.next_s = -math.inf  # when one is due
+        self._last = -math.inf
         self._longest = (0.0, -math.inf)  # the gap [s], and when it ended
 
     def due(self, now: float) -> bool:
-        return now >= self._next
+        return now >= self.next_s
 
     def left(self, now: float) -> None:
         """Count a set-point as sent."""
         gap = now - self._last
         if self._last > -math.inf and (gap > self._longest[0] or now - self._longest[1] > _OF_LATE_S):
             self._longest = gap, now
-        self._last, self._next = now, max(self._next + EVERY_S, now)
+        self._last, self.next_s = now, max(self.next_s + EVERY_S, now)
 
     def rest(self) -> None:
         """Expect no set-points from now on."""
@@ -348,11 +349,13 @@ class Commander(FlightState):
             messages += self._due(now)
         return b"".join(map(self._session.encoder.pack, messages))
 
-    def sent(self, now: float) -> None:
-        """Count the messages of the last `poll` as sent."""
+    def sent(self, now: float) -> float:
+        """Count the messages of the last `poll` as sent. Returns when a set-point is due; infinite if none is."""
         for remember in self._offered:
             remember(now)
         self._offered = []
+        due = self._set_points.next_s
+        return due if due > now else math.inf
 
     def _advance(self, now: float) -> None:
         """Change to the next phase if this one has ended, or has taken too long."""

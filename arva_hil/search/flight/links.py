@@ -71,10 +71,10 @@ class AutopilotLink:
             if read > _AT_ONCE or now - begun > _AT_ONCE_S:
                 return False
 
-    def speak(self, clock: Clock, due: Callable[[float], tuple[bytes, bytes]], sent: Callable[[float], None]) -> float:
+    def speak(self, clock: Clock, due: Callable[[float], tuple[bytes, bytes]], sent: Callable[[float], float]) -> float:
         """Send bytes, and orders only if the link was empty a moment ago; then call `sent`.
 
-        Returns when to call it again because orders were not sent; infinite if there are none.
+        Returns when to call it again: the result of `sent`, or soon if orders were not sent; infinite if there are none.
         """
         for _ in range(_LOOKS):  # with a stepped clock the link stays as empty as before
             empty = (self._empty_s == clock.now() and not self.link.ready()) or self.take_in(clock)
@@ -83,8 +83,7 @@ class AutopilotLink:
             data = out + orders if in_time else out
             went = self.link.write(data) if data else True
             if in_time and went:
-                sent(clock.now())
-                return math.inf
+                return sent(clock.now())
             if in_time or not empty:
                 break
         return clock.now() + _AGAIN_S if orders else math.inf
