@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
 import socket
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from arva_hil.cli import search
 from arva_hil.cli.search_plan import far_end
 from arva_hil.cli.search_report import exit_code, found_by, result
 from arva_hil.cli.terminal import TerminalQuestion
+from arva_hil.clock import RealClock
 from arva_hil.events.reasons import Why, because
+from arva_hil.links import Link
+from arva_hil.links.memory import pair
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
@@ -142,6 +148,35 @@ def test_links_that_come_later_or_are_lost_on_the_ground_are_waited_for(
         assert f"\n{name}: back after " in program.err
     program.says(FLYING)
     program.stops(signal.SIGINT)
+
+
+def test_in_flight_the_garbage_collector_does_not_visit_the_objects_of_the_start(
+    arva: Arva, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[list[object]] = []
+    monkeypatch.setattr(search, "describe", lambda plan: begun.append([object()]) or "as planned")
+    monkeypatch.setattr(search, "run", lambda *_, **options: begun.append(gc.get_objects()))
+    arva(*NOWHERE, code=1)
+    assert not any(one is begun[0] for one in begun[1])
+
+
+def test_a_lost_link_of_an_autopilot_is_opened_again_until_a_search_on_it_has_launched(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    openers: dict[str, Any] = {}
+
+    def opened(url: str, clock: Any, opener: Any, patient: bool) -> Link:
+        openers[url] = opener.keywords["wanted"]
+        return pair()[0]
+
+    monkeypatch.setattr(search.common, "open_or_fail", opened)
+    options = SimpleNamespace(target_component=None, stream_rate=10.0)
+    members = [search.Member("a", 1, "both", "a", "binary"), search.Member("b", 2, "both", "b", "binary")]
+    with ExitStack() as stack:
+        searchers = search._searchers(options, members, [None, None], None, RealClock(), stack)  # type: ignore[arg-type, list-item]
+        assert [wanted() for wanted in openers.values()] == [True, True, True]
+        searchers[1].client = SimpleNamespace(launched=True)  # type: ignore[assignment]
+        assert {url for url, wanted in openers.items() if not wanted()} == {"both"}
 
 
 def test_a_search_is_never_overwritten(arva: Arva, tmp_path: Path) -> None:
