@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
 
 from arva_hil.autopilot.commanding.authority import HOLDERS, Authority, Holder
-from arva_hil.autopilot.commanding.commander import Commander, Phase
+from arva_hil.autopilot.commanding.commander import Commander, Phase, SetPoints
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
@@ -178,6 +178,15 @@ def test_px4_is_told_to_follow_set_points_once_they_flow_and_they_never_pause(st
     times = [at for at, _ in flight.set_points]
     assert max(b - a for a, b in pairwise(times)) < 0.45
     assert flight.commander.why == ()
+
+
+@pytest.mark.parametrize(("now", "stalled_s"), [(5.75, 1.0), (6.25, 0.0), (11.0, 0.875)])
+def test_a_gap_between_set_points_counts_for_five_seconds(now: float, stalled_s: float) -> None:
+    set_points = SetPoints()
+    for at in (0.0, *(1.0 + 0.5 * n for n in range(19)), 10.875):
+        if at <= now:
+            set_points.left(at)
+    assert set_points.stalled_s(now) == stalled_s
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])

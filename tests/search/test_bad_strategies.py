@@ -115,6 +115,16 @@ def test_what_is_no_velocity_fails(said: Callable[[], Any], shown: str) -> None:
     assert answer.failed.endswith(f", {EXPECTED}{CURE}")
 
 
+def test_a_failure_counts_whichever_strategy_it_is_of() -> None:
+    """A process that was killed does not know the number of the present strategy."""
+    worker = Inline(lambda: GoTo(1.0))
+    worker.receive = lambda: AnalysisResult(failed="killed")  # type: ignore[method-assign]
+    guidance = Guidance(worker, lambda event: None, 10.0)
+    guidance.add(1, observation())
+    guidance.begin(1, has_id=True)
+    assert guidance.steer(0.0, AT) == AnalysisResult(failed="killed")
+
+
 def test_what_is_no_velocity_ends_the_search_and_it_lands() -> None:
     world = World(ardupilot(), strategy=saying(lambda: None))
     assert fails_and_lands(world) == f"the strategy has failed: velocity returned None, {EXPECTED}{CURE}"
