@@ -74,7 +74,7 @@ class AutopilotLink:
     def speak(self, clock: Clock, due: Callable[[float], tuple[bytes, bytes]], sent: Callable[[float], float]) -> float:
         """Send bytes, and orders only if the link was empty a moment ago; then call `sent`.
 
-        Returns when to call it again: the result of `sent`, or soon if orders were not sent; infinite if there are none.
+        Returns when to call it again: the result of `sent`, soon if orders were not sent, infinite if there are none.
         """
         for _ in range(_LOOKS):  # with a stepped clock the link stays as empty as before
             empty = (self._empty_s == clock.now() and not self.link.ready()) or self.take_in(clock)
