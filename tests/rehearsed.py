@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from arva_hil.config import Scenario
-from tools.real import rehearsal
+from tools.figures import rehearsal
 
 _FLOWN: Final[dict[str, dict[str, bytes]]] = {}
 

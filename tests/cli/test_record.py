@@ -27,8 +27,7 @@ from tests.files import rows, written
 from tests.files import rows as table
 from tests.rehearsed import rehearse
 from tests.said import says
-from tools.real.profiles import drawn
-from tools.real.rehearsal import Waypoint
+from tools.figures.rehearsal import Waypoint, drawn
 from tools.soak import kills as random_kills
 
 from ..records.test_comparing import FLIGHT, PLACE, POINTS, QUIET

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.once import once
-from tools.codecs.c_frames import Codec
-from tools.codecs.c_messages import CMessages
+from tools.vectors.c_codec import CMessages, Codec
 
 
 @pytest.fixture(scope="session")

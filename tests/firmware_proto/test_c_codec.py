@@ -18,10 +18,21 @@ from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
 from tests.firmware_proto.wire_vectors import MESSAGES as BY_NAME
 from tests.firmware_proto.wire_vectors import VECTORS, as_frame, by_name, follow, follow_messages
-from tools.codecs.c_code import FOLDER, MESSAGES, NEVER, SOURCE, compile_c, compiler
-from tools.codecs.c_frames import ON_FRAME, CDecoder, State
-from tools.codecs.c_messages import CMessageDecoder, Request, _Answer
-from tools.codecs.c_messages import State as MessageState
+from tools.vectors.c_codec import (
+    FOLDER,
+    MESSAGES,
+    NEVER,
+    ON_FRAME,
+    SOURCE,
+    CDecoder,
+    CMessageDecoder,
+    FrameState,
+    MessageState,
+    Request,
+    _Answer,
+    compile_c,
+    compiler,
+)
 
 ONE = Frame(1, 1, (Channel(1, 2, 300, 12),))
 FALSE_LONG = bytes.fromhex("A4570163000010")
@@ -48,7 +59,7 @@ def test_it_compiles_without_a_warning(tmp_path, name, language):
 
 @pytest.mark.parametrize(
     ("source", "crc", "includes", "state", "size"),  # the source refuses to compile with a larger state
-    [(SOURCE, set(), {"stdint.h", "stddef.h"}, State, 300), (MESSAGES, {"arva_crc"}, set(), MessageState, 560)],
+    [(SOURCE, set(), {"stdint.h", "stddef.h"}, FrameState, 300), (MESSAGES, {"arva_crc"}, set(), MessageState, 560)],
 )
 def test_it_leans_on_three_functions_of_the_library_and_on_no_float(tmp_path, source, crc, includes, state, size):
     target = compile_c(compiler(), tmp_path / "out.o", "-std=c99", "-O2", "-fno-stack-protector", "-c", source)
@@ -133,7 +144,7 @@ def test_a_silence_of_weeks_does_not_look_fresh(codec):
 
 
 def test_frames_are_counted_without_a_function_to_take_them(codec):
-    state = State()
+    state = FrameState()
     codec.library.arva_decoder_init(ctypes.byref(state), ON_FRAME(), None)
     raw = encode(ONE) + encode(ONE._replace(sequence=4))
     assert codec.library.arva_decoder_feed(ctypes.byref(state), raw, len(raw), 0) == 2

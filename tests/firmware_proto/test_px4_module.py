@@ -26,8 +26,8 @@ from tests.firmware_proto.px4_stand_in import (
 )
 from tests.firmware_proto.wire_vectors import VECTORS, by_name
 from tests.once import once
-from tools.codecs.c_code import FOLDER as CODEC
-from tools.codecs.c_code import MESSAGES, SOURCE, compile_c, compiler
+from tools.vectors.c_codec import FOLDER as CODEC
+from tools.vectors.c_codec import MESSAGES, SOURCE, compile_c, compiler
 
 CHANNELS, PASS_MS = 13, 10
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())

@@ -18,8 +18,8 @@ from firmware_proto.commands import encode_answer, encode_command
 from firmware_proto.measured import encode_rssi, encode_vector
 from tests.every import every
 from tests.firmware_proto.wire_vectors import FRAMES, MESSAGES, VECTORS, as_frame, by_name, follow, follow_messages
-from tools.codecs.c_messages import python_decoder
 from tools.vectors import make
+from tools.vectors.c_codec import python_decoder
 
 
 def test_the_file_is_the_one_that_the_tool_makes():

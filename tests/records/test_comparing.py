@@ -19,7 +19,7 @@ from arva_hil.records.reading import RecordingError, load
 from arva_hil.records.received import RECEIVER, KeptBytes, ReceivedFrames, ReceiverLog, surveyed_scenario
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.rehearsed import rehearse
-from tools.real.rehearsal import EPOCH_US, HOME, Waypoint
+from tools.figures.rehearsal import EPOCH_US, HOME, Waypoint
 
 QUIET = replace(DEFAULT, receiver=replace(DEFAULT.receiver, noise=replace(DEFAULT.receiver.noise, kind="off")))
 FLIGHT = [

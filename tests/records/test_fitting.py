@@ -21,8 +21,7 @@ from arva_hil.records.fitting.scatter import Gps
 from arva_hil.records.reading import Recording, load
 from tests.once import once
 from tests.said import says
-from tools.real.profiles import drawn, misses
-from tools.real.rehearsal import HOME, Waypoint, mission, rehearse
+from tools.figures.rehearsal import HOME, Waypoint, drawn, misses, mission, rehearse
 
 GPS = Gps(1.5, 60.0)
 EXACT = Gps(0.05, 60.0)

@@ -9,11 +9,9 @@ or where it is when the search ends.
 
 from __future__ import annotations
 
-import argparse
 import math
 import random
 from collections import Counter
-from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +27,7 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone
+from tools.options import parser
 
 FALSE_M: Final = 3.0
 _LIMIT_S: Final = 300.0
@@ -116,28 +115,27 @@ def _on(fault: Fault, now: float) -> bool:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--strategy", default="estimate")
-    parser.add_argument("--runs", type=int, default=2000)
-    parser.add_argument("--first", type=int, default=1, help="seed")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--faults", type=int, default=3, help="at most so many at once")
-    parser.add_argument("--gps-noise-m", type=float, default=0.0)
-    parser.add_argument("--verbose", action="store_true", help="print every run")
-    options = parser.parse_args()
+    options = parser(
+        __doc__,
+        strategy=("estimate", "of the search"),
+        runs=(2000, "searches"),
+        first=(1, "seed of the first"),
+        jobs=(2, "at a time"),
+        faults=(3, "at most so many at once"),
+        gps_noise_m=(0.0, "error of the position"),
+        verbose=(False, "print every run"),
+    ).parse_args()
     seeds = range(options.first, options.first + options.runs)
     with ProcessPoolExecutor(options.jobs) as workers:
         each = [workers.submit(flown, options.strategy, s, options.faults, options.gps_noise_m) for s in seeds]
-        told = [tell(one.result(), options.verbose) for one in each]
-    print(f"{options.strategy}: {len(told)} runs: {counted(one.kind for one in told)}")
+        kinds = Counter(tell(one.result(), options.verbose) for one in each)
+    found = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    print(f"{options.strategy}: {options.runs} runs: {found}")
 
 
-def tell(one: Flown, verbose: bool) -> Flown:
+def tell(one: Flown, verbose: bool) -> str:
+    """Print a run, if it is wanted or false. Returns its kind."""
     if verbose or one.kind == "false":
         error = "" if one.error_m is None else f" {one.error_m:.2f} m"
         print(f"{one.seed} {one.kind}{error} after {one.time_s:.0f} s: {' '.join(one.faults)}", flush=True)
-    return one
-
-
-def counted(kinds: Iterable[str]) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in Counter(kinds).most_common())
+    return one.kind

@@ -6,7 +6,6 @@ python -m tools figures demo --film     # docs/pictures/demo.gif; needs Chromium
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import re
@@ -20,6 +19,8 @@ from typing import Final
 
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
+
+from tools.options import parser
 
 PICTURES: Final = Path(__file__).parents[2] / "docs" / "pictures"
 ARVA_HIL: Final = [sys.executable, "-m", "arva_hil"]
@@ -141,9 +142,7 @@ def film(out: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--film", action="store_true", help="draw the moving picture")
-    if parser.parse_args().film:
+    if parser(__doc__, film=(False, "draw the moving picture")).parse_args().film:
         film(PICTURES / "demo.gif")
         return
     with tempfile.TemporaryDirectory() as folder:

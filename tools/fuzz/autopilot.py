@@ -11,7 +11,6 @@ Then come random bytes. The exit code is 1 after a failure.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import math
 import os
@@ -31,6 +30,7 @@ from arva_hil.mavlink.signing import Signing
 from arva_hil.model.field import LocalFrame
 from arva_hil.simulated import HOME
 from tools.fuzz.script import packet
+from tools.options import parser
 
 OTHER_KEY = hashlib.sha256(b"theirs").digest()
 POSITION, ATTITUDE, QUATERNION, BEAT, ACK = 33, 30, 31, 0, 77
@@ -154,11 +154,9 @@ GROWTH_KB = 1024
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--packets", type=int, default=10_000_000, metavar="N", help="default 10,000,000")
-    parser.add_argument("--random-mb", type=int, default=200, metavar="MB", help="default 200")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    options = parser(
+        __doc__, packets=(10_000_000, "of others"), random_mb=(200, "megabytes"), seed=(1, "of all numbers")
+    ).parse_args()
     numbers = random.Random(options.seed)
     well = [throw_packets(Bench(numbers, key), options.packets // 2) for key in (None, KEY)]
     well += [throw_noise(Bench(numbers, key), options.random_mb * 500_000) for key in (None, KEY)]

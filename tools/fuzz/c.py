@@ -10,14 +10,14 @@ Exit 0 when nothing was found.
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
-from tools.codecs.c_code import FOLDER, MESSAGES, SOURCE, compile_c, compiler
+from tools.options import parser
+from tools.vectors.c_codec import FOLDER, MESSAGES, SOURCE, compile_c, compiler
 
 SANITIZE = ("-std=c99", "-g", "-O1", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 VECTORS = FOLDER.parent / "vectors.json"
@@ -56,19 +56,20 @@ def has_libfuzzer(folder: Path) -> bool:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("target", nargs="?", choices=SOURCES, default="frames")
-    until = parser.add_mutually_exclusive_group()
-    until.add_argument("--seconds", type=int, default=600, help="default 600")
-    until.add_argument("--runs", type=int)
-    parser.add_argument("--seed", type=int, default=457)
-    parser.add_argument("--without-clang", action="store_true", help="gcc and plain mutation, even if clang is there")
-    options = parser.parse_args()
+    made = parser(
+        __doc__,
+        seconds=(600, "of fuzzing, unless runs are given"),
+        runs=(int, "number of inputs"),
+        seed=(457, "of the mutations"),
+        without_clang=(False, "gcc and plain mutation, even if clang is there"),
+    )
+    made.add_argument("target", nargs="?", choices=SOURCES, default="frames")
+    options = made.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         guided = not options.without_clang and has_libfuzzer(folder)
         if not guided and not options.runs:
-            parser.error("no clang with libFuzzer (on Debian: apt-get install clang); without it, give --runs")
+            made.error("no clang with libFuzzer (on Debian: apt-get install clang); without it, give --runs")
         (folder / "corpus").mkdir()
         corpus = write_corpus(folder / "corpus", options.target)
         binary = folder / "fuzz_c"

@@ -9,7 +9,6 @@ bytes. Exit 1 and the stream at the first difference.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections import Counter
@@ -19,9 +18,9 @@ from typing import Any
 
 from firmware_proto import Command, CommandAnswer, Decoder
 from firmware_proto.commands import encode_answer, encode_command
-from tools.codecs.c_frames import CDecoder, Codec
-from tools.codecs.c_messages import CMessageDecoder, CMessages, python_decoder
-from tools.codecs.random_streams import SECONDS, Call, message_streams, streams
+from tools.options import parser
+from tools.vectors.c_codec import CDecoder, CMessageDecoder, CMessages, Codec, python_decoder
+from tools.vectors.random_streams import SECONDS, Call, message_streams, streams
 
 
 class Comparison:
@@ -80,12 +79,10 @@ class Comparison:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", nargs="?", choices=("frames", "messages"), default="frames")
-    parser.add_argument("count", nargs="?", type=int, default=100_000, metavar="COUNT")
-    parser.add_argument("--seed", type=int, default=457)
-    parser.add_argument("--no-lua", action="store_true", help="leave Lua out, which needs lupa and is slow")
-    options = parser.parse_args()
+    made = parser(__doc__, seed=(457, "of the streams"), no_lua=(False, "leave Lua out, which needs lupa and is slow"))
+    made.add_argument("kind", nargs="?", choices=("frames", "messages"), default="frames")
+    made.add_argument("count", nargs="?", type=int, default=100_000, metavar="COUNT")
+    options = made.parse_args()
     every = (streams if options.kind == "frames" else message_streams)(options.seed, options.count)
     with tempfile.TemporaryDirectory() as folder:
         comparison = Comparison(options.kind, Path(folder), lua=not options.no_lua)

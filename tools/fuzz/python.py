@@ -25,6 +25,7 @@ from pathlib import Path
 from types import ModuleType
 
 from tools.fuzz.script import ROOT
+from tools.options import parser
 
 TARGETS = {  # modules of this folder: the longest input, in bytes, and the packages whose coverage guides it
     "loader": (4096, ["arva_hil", "yaml"]),
@@ -39,14 +40,16 @@ LARGEST_MB = 2048
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("target", choices=TARGETS)
-    parser.add_argument("--seconds", type=int, default=600, help="default 600")
-    parser.add_argument("--runs", type=int)
-    parser.add_argument("--seed", type=int, default=457)
-    parser.add_argument("--corpus", type=Path, metavar="DIR")
-    parser.add_argument("--reproduce", type=Path, metavar="FILE")
-    options = parser.parse_args()
+    made = parser(
+        __doc__,
+        seconds=(600, "of fuzzing with atheris"),
+        runs=(int, "damaged seeds, without atheris"),
+        seed=(457, "of the damage"),
+        corpus=(Path, "folder of the inputs"),
+        reproduce=(Path, "one input"),
+    )
+    made.add_argument("target", choices=TARGETS)
+    options = made.parse_args()
     if options.reproduce:
         return reproduce(options.target, options.reproduce)
     if options.runs:

@@ -10,7 +10,6 @@ Failures are printed with the seed. The exit code is 1 after a failure.
 
 from __future__ import annotations
 
-import argparse
 import math
 import random
 from collections import Counter
@@ -32,6 +31,7 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated import HOME
 from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from arva_hil.simulated.messages import SENSORS
+from tools.options import parser
 
 BAROMETER = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
 RANGE_M = 10.0
@@ -300,11 +300,10 @@ def lying(seed: int) -> tuple[str, Report]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=500, help="number of flights (default: 500)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first flight")
-    parser.add_argument("--verbose", action="store_true", help="print every flight")
-    options = parser.parse_args(arguments)
+    made = parser(
+        __doc__, runs=(500, "flights"), seed=(0, "of the first flight"), verbose=(False, "print every flight")
+    )
+    options = made.parse_args(arguments)
     kinds: Counter[str] = Counter()
     failed = 0
     for seed in range(options.seed, options.seed + options.runs):

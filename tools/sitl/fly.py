@@ -55,6 +55,7 @@ from arva_hil.config import Lla, Scenario, Transmitter, to_dict
 from arva_hil.config.campaign import Random
 from arva_hil.mavlink.codec import dialect
 from tools.fuzz.sensors import Liar, Lie
+from tools.options import parser
 from tools.sitl import simulator as simulators
 from tools.sitl.judge import BEGINS, FREE, SILENCE, Flight, Program, judge
 from tools.sitl.relay import Weather, run_as_others, run_first
@@ -246,29 +247,29 @@ def one(options: argparse.Namespace, folder: Path, kind: str, seed: int) -> Flig
 def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     at = words.index("--") if "--" in words else len(words)
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("binary", type=lambda name: Path(name).resolve())
-    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"default {' '.join(PILOTS)}")
-    parser.add_argument("--runs", type=int, default=3, metavar="N", help="of each kind; default 3")
-    parser.add_argument("--seed", type=int, default=1, help="of the first run of each kind")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="flights of the built-in vehicle at a time")
-    parser.add_argument("--victims", type=int, default=1, metavar="N", help="transmitters, all searched for; default 1")
-    parser.add_argument("--model", default="paper", help="of the receiver; default paper")
-    parser.add_argument(
-        "--slope", type=float, default=0.0, metavar="M", help="ArduPilot: ground that rises to the north"
+    made = parser(
+        __doc__,
+        runs=(3, "of each kind"),
+        seed=(1, "of the first run of each kind"),
+        jobs=(1, "flights of the built-in vehicle at a time"),
+        victims=(1, "transmitters, all searched for"),
+        model=("paper", "of the receiver"),
+        slope=(0.0, "ArduPilot: ground that rises to the north, m a metre"),
+        rangefinder=(False, "ArduPilot: with one"),
+        folder=(Path, "for all files; default: a new one"),
     )
-    parser.add_argument("--rangefinder", action="store_true", help="ArduPilot: with one")
-    parser.add_argument("--folder", type=Path, help="for all files; default: a new one")
-    options = parser.parse_args(words[:at])
+    made.add_argument("binary", type=lambda name: Path(name).resolve())
+    made.add_argument("kinds", nargs="*", metavar="KIND", help=f"default {' '.join(PILOTS)}")
+    options = made.parse_args(words[:at])
     options.options = words[at + 1 :]
     options.kinds = options.kinds or PILOTS
     if unknown := set(options.kinds) - set(KINDS):
-        parser.error(f"{unknown.pop()}: no such kind; there are {', '.join(KINDS)}")
+        made.error(f"{unknown.pop()}: no such kind; there are {', '.join(KINDS)}")
     others = options.binary.name != "vehicle"
     if (options.slope or options.rangefinder) and options.binary.name != "arducopter":
-        parser.error("--slope and --rangefinder are for arducopter")
+        made.error("--slope and --rangefinder are for arducopter")
     if others and (options.jobs > 1 or "other" in options.kinds):
-        parser.error("--jobs and other are for vehicle, the built-in one")
+        made.error("--jobs and other are for vehicle, the built-in one")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     folder: Path = options.folder or Path(tempfile.mkdtemp(prefix="flights-"))
     seeds = range(options.seed, options.seed + options.runs)

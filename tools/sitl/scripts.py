@@ -17,7 +17,6 @@ of the record.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import math
@@ -42,6 +41,7 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.model.receiver import Antennas, maps
 from arva_hil.records.reading import load
+from tools.options import parser
 from tools.sitl.fly import placed
 from tools.sitl.judge import Program, off
 from tools.sitl.relay import Relay, Weather, run_first
@@ -252,14 +252,16 @@ def _expected(victim: Transmitter, messages: list[Any], time_s: Any) -> tuple[An
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("binary", type=lambda name: Path(name).resolve())
-    parser.add_argument("kinds", nargs="+", choices=("search", *PARAMETERS))
-    parser.add_argument("--runs", type=int, default=1, metavar="N", help="of each kind; default 1")
-    parser.add_argument("--seed", type=int, default=1, help="of the first run")
-    parser.add_argument("--slope", type=float, default=0.0, metavar="M", help="of the ground, m a metre to the north")
-    parser.add_argument("--rangefinder", action="store_true", help="the vehicle has one")
-    options = parser.parse_args()
+    made = parser(
+        __doc__,
+        runs=(1, "of each kind"),
+        seed=(1, "of the first run"),
+        slope=(0.0, "of the ground, m a metre to the north"),
+        rangefinder=(False, "the vehicle has one"),
+    )
+    made.add_argument("binary", type=lambda name: Path(name).resolve())
+    made.add_argument("kinds", nargs="+", choices=("search", *PARAMETERS))
+    options = made.parse_args()
     run_first()
     good = []
     for kind in options.kinds:

@@ -11,7 +11,6 @@ failure.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import random
@@ -35,6 +34,7 @@ from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Channel, Frame, encode
 from tests.free_ports import free_port
+from tools.options import parser
 
 ROOT: Final = Path(__file__).parents[2]
 COMMANDS: Final = ("run", "search", "search", "replay", "campaign")
@@ -107,21 +107,10 @@ class Seat:
 
     def _words(self) -> list[str]:
         record, link = str(self._folder / "record"), f"pty:{self._link}"
-        autopilot = f"udpin:127.0.0.1:{self._port}"
+        followed = ["--autopilot", f"udpin:127.0.0.1:{self._port}", "--record", record]
         return {
-            "run": ["--port", link, "--autopilot", autopilot, "--rate", "20", "--record", record],
-            "search": [
-                "--autopilot",
-                autopilot,
-                "--receiver",
-                link,
-                "--record",
-                record,
-                "--web",
-                "0",
-                "--countdown",
-                "0",
-            ],
+            "run": ["--port", link, *followed, "--rate", "20"],
+            "search": ["--receiver", link, *followed, "--web", "0", "--countdown", "0"],
             "replay": ["tests/data/px4.tlog", "--port", link, "--speed", "1", "--record", record],
             "campaign": [str(self._folder / "plan.yaml"), "--out", str(self._folder / "results"), "--jobs", "2"],
         }[self._command]
@@ -191,10 +180,7 @@ def processes_of(session: int) -> list[int]:
 
 def main(words: list[str] | None = None) -> int:
     """Run all commands at once; 1 if one of them has left something."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args(words)
+    options = parser(__doc__, kills=(200, "of all commands"), seed=(1, "of the first command")).parse_args(words)
     begun = RealClock()
     with tempfile.TemporaryDirectory(prefix="arva-kills-") as name:
         seats = [Seat(command, Path(name, str(n)), options.seed + n) for n, command in enumerate(COMMANDS)]

@@ -39,7 +39,9 @@ from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
+from tools.options import parser
 
+ROOT = Path(__file__).parents[2]
 HEIGHT_M = 2.0
 SPEED_M_S = 2.0
 SQUARE = ((30.0, 20.0), (30.0, -20.0), (-10.0, -20.0), (-10.0, 20.0))
@@ -47,11 +49,12 @@ GUIDED = 4
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenario", default=Path(__file__).parents[2] / "configs" / "faults.yaml", metavar="FILE")
-    parser.add_argument("--hours", type=float, default=4.0, help="of emulated time; default 4")
-    parser.add_argument("--record", type=Path, metavar="DIR", help="keep the record; default: none is kept")
-    options = parser.parse_args()
+    options = parser(
+        __doc__,
+        scenario=(ROOT / "configs" / "faults.yaml", "file"),
+        hours=(4.0, "of emulated time"),
+        record=(Path, "keep the record in this folder"),
+    ).parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         sys.exit(0 if long_run(options, options.record or Path(temporary, "record")) else 1)
 
@@ -68,7 +71,7 @@ def long_run(options: argparse.Namespace, folder: Path) -> bool:
     live = Live(emulator, {"autopilot": autopilot}, {"port": port}, Audience([recorder, watch]))
     consumer = Consumer(reader, scenario.output_format)
     gc.freeze()  # as the commands do
-    tasks: list[Task] = [Simulator([vehicle], [far]), Pilot(vehicle), live, consumer, Memory(watch)]
+    tasks: list[Task] = [Simulator([vehicle], [far]), Pilot(vehicle), live, consumer]
     run(tasks, clock, until=start + options.hours * 3600)
     run([consumer], clock, until=clock.now() + 0.5)  # what is still on its way
     took = wall.now()
@@ -132,7 +135,7 @@ class Consumer:
 
 
 class Watch:
-    """Remembers the last frame, the lateness of frames, the number with a fault, and the memory."""
+    """Remembers the last frame, the lateness of frames, the number with a fault, and the memory each minute."""
 
     def __init__(self) -> None:
         self.last: FrameMade | None = None
@@ -145,26 +148,9 @@ class Watch:
             self.last = event
             self.late_s.append(event.late_s)
             self.met.update(event.faults)
-
-
-class Memory:
-    """Measures the process's resident memory once a minute of the run's time."""
-
-    links: Sequence[Link] = ()
-
-    def __init__(self, watch: Watch) -> None:
-        self._watch = watch
-        self._next: float | None = None
-
-    def service(self, clock: Clock) -> float:
-        now = clock.now()
-        if self._next is None:
-            self._next = now + 60
-        if now >= self._next:
-            self._next += 60
-            pages = int(Path("/proc/self/statm").read_text().split()[1])
-            self._watch.memory_mb.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
-        return self._next
+            if event.instant_s >= 60 * (len(self.memory_mb) + 1):
+                pages = int(Path("/proc/self/statm").read_text().split()[1])
+                self.memory_mb.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
 
 
 def check_time(watch: Watch, rate_hz: float, took_s: float) -> bool:

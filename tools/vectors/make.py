@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.vectors import frames, messages, streams
-from tools.vectors.by_hand import crc
+from tools.vectors.frames import crc
 
 FILE = Path(__file__).parents[2] / "firmware_proto" / "vectors.json"
 ABOUT = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from tools.vectors.by_hand import Wire, number, seal, sentence
+from tools.vectors.frames import Wire, number, seal, sentence
 from tools.vectors.streams import Stream
 
 ABOUT = [

@@ -7,8 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 from tools.vectors import frames
-from tools.vectors.by_hand import seal
-from tools.vectors.frames import BYTES, DECODE_ONLY, FRAMES
+from tools.vectors.frames import BYTES, DECODE_ONLY, FRAMES, seal
 
 
 class Stream:

@@ -6,7 +6,6 @@ lost, or if the 99th percentile of the lateness is above 5 ms.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -28,6 +27,7 @@ from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
+from tools.options import parser
 
 BUS = "virtual:tunnel"
 P99_MS = 5.0
@@ -59,10 +59,7 @@ class Arrivals:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=600.0, help="default 600")
-    parser.add_argument("--rate", type=float, default=50.0, help="frames a second; default 50")
-    options = parser.parse_args()
+    options = parser(__doc__, seconds=(600.0, "of real time"), rate=(50.0, "frames a second")).parse_args()
     scenario = replace(DEFAULT, receiver=replace(DEFAULT.receiver, rate_hz=options.rate))
     clock = RealClock()
     with ExitStack() as stack:
@@ -99,7 +96,3 @@ def told(deadlines: Deadlines, arrivals: Arrivals, dropped: int) -> bool:
         p50, p99, most = 1e3 * np.percentile(each, [50, 99, 100])
         print(f"late {name}: median {p50:.2f} ms, p99 {p99:.2f} ms, at most {most:.2f} ms")
     return bool(p99 <= P99_MS)
-
-
-if __name__ == "__main__":
-    main()

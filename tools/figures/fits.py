@@ -30,23 +30,25 @@ from arva_hil.records.fitting.fit import fit
 from arva_hil.records.fitting.profile import profile, scenario
 from arva_hil.records.fitting.scatter import Gps
 from arva_hil.records.reading import load
-from tools.real.profiles import drawn, misses
-from tools.real.rehearsal import mission, rehearse
+from tools.figures.rehearsal import drawn, misses, mission, rehearse
+from tools.options import parser
 
 GPS = Gps(1.5, 60.0)
 START_S = time.monotonic()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path, help="a file with a line of JSON for each fit")
-    parser.add_argument("--count", type=int, default=200, help="profiles; default 200")
-    parser.add_argument("--first", type=int, default=1, help="seed of the first")
-    parser.add_argument("--model", choices=("paper", "pulsed"), default="paper")
-    parser.add_argument("--speed", type=float, default=2.0, help="of the flight [m/s]; default 2, eleven minutes")
-    parser.add_argument("--short", action="store_true", help="fly at one height: half as long")
-    parser.add_argument("--seconds", type=float, default=1e9, help="begin no fit later than this")
-    options = parser.parse_args()
+    made = parser(
+        __doc__,
+        count=(200, "profiles"),
+        first=(1, "seed of the first"),
+        model=("paper", "of the receiver, or pulsed"),
+        speed=(2.0, "of the flight [m/s]; 2 flies for eleven minutes"),
+        short=(False, "fly at one height: half as long"),
+        seconds=(1e9, "begin no fit later than this"),
+    )
+    made.add_argument("out", type=Path, help="a file with a line of JSON for each fit")
+    options = made.parse_args()
     done = _done(options.out)
     with options.out.open("a") as out:
         for seed in range(options.first, options.first + options.count):
@@ -111,7 +113,3 @@ def one(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, Any]:
         "second_scatter_m": result.all.d_scatter_m if result.all else None,
         "doubts": list(found.doubts),
     }
-
-
-if __name__ == "__main__":
-    main()
