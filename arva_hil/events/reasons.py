@@ -120,9 +120,6 @@ class SilentStream(NamedTuple):
     promised: bool
 
 
-_NoStream = Literal["streams missing", "streams stopped", "no truth"]
-
-
 @dataclass(frozen=True)
 class NoPose:
     """Why there is no pose. `streams`: the missing ones, also with "zero position".
@@ -130,7 +127,15 @@ class NoPose:
     `message`: with "no truth", the message that a simulator of this autopilot would send, "" if it has none.
     """
 
-    reason: Literal["no vehicle", "no home", "zero position", "impossible position"] | _NoStream
+    reason: Literal[
+        "no vehicle",
+        "no home",
+        "zero position",
+        "impossible position",
+        "streams missing",
+        "streams stopped",
+        "no truth",
+    ]
     streams: tuple[SilentStream, ...] = ()
     message: str = ""
 

@@ -16,7 +16,6 @@ from typing import Any, Final, NamedTuple
 from arva_hil.links.base import Link, LinkError, Opening
 from arva_hil.links.url import Address, AddressError
 
-_EXAMPLE: Final = "can:SERIAL0,node=42,bus=can0"
 _AT_ONCE: Final = 120  # bytes of a message
 _ARDUPILOT: Final = 10  # its default, CAN_D1_UC_NODE
 _BAUD: Final = 115200
@@ -59,7 +58,7 @@ def _filters(node: int) -> list[tuple[int, int]]:
 
 
 def _refused(address: Address, found: str) -> AddressError:
-    return AddressError(f"{str(address)!r} {found}: write {_EXAMPLE}")
+    return AddressError(f"{str(address)!r} {found}: write can:SERIAL0,node=42,bus=can0")
 
 
 class DroneCanLink(Link):
@@ -159,7 +158,6 @@ class DroneCanLink(Link):
 
 _EXTENDED: Final = 1 << 31
 _BUS_OFF: Final = 0x40  # SocketCAN's class of error frames
-_BUS_OFF_CURE: Final = "check wires, termination and bit rate"
 _MULTICAST: Final = "239.65.82.{}", 57732, 0x2934  # address, port, first two bytes: CAN_Multicast.cpp
 _HEAD: Final = struct.Struct("<HHHI")  # magic, CRC, flags, id
 _SOCKET_CURES: Final[dict[int | None, str]] = {
@@ -238,7 +236,7 @@ class PythonCanBus:
             if message is None:
                 return None
             if message.is_error_frame and message.arbitration_id & _BUS_OFF:
-                raise OSError(f"the bus is off: {_BUS_OFF_CURE}")
+                raise OSError("the bus is off: check wires, termination and bit rate")
             if not message.is_error_frame and _passes(message.arbitration_id, self._filters):
                 return CANFrame(message.arbitration_id, bytes(message.data), message.is_extended_id)
 

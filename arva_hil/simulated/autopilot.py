@@ -34,9 +34,6 @@ class Mode(IntEnum):
     LAND = 9
 
 
-_GUIDED: Final = Mode.GUIDED  # used a hundred times a second
-
-
 class SetPoint(NamedTuple):
     """A set-point in GUIDED: NED from home [m, m/s, rad, rad/s]. A yaw rate is ignored if there is a yaw."""
 
@@ -129,7 +126,7 @@ class SimulatedAutopilot:
     def _wanted(self, motion: Multirotor) -> tuple[Vector, float]:
         """Return velocity (NED) and yaw rate."""
         mode = self.mode
-        if mode is _GUIDED:
+        if mode is Mode.GUIDED:
             position, velocity, yaw, yaw_rate = self._set_point
             if motion.steps - self._set_at > _TIMEOUT:
                 velocity, yaw_rate = _STILL, 0.0

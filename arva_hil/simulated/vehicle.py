@@ -96,7 +96,6 @@ class MessageRates:
 Message = Any  # pymavlink's generated classes carry no types
 
 _COMPONENT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
-_HOME_POSITION: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 
 
 class Truth(NamedTuple):
@@ -270,7 +269,7 @@ class SimulatedVehicle:
             self._send(dialect.MAVLink_statustext_message(dialect.MAV_SEVERITY_INFO, text))
         if fixed or (armed and pilot.armed):
             at = boot.at + self._fix_us if fixed else self._now
-            self._send(BUILDERS[_HOME_POSITION](self._report(at)))
+            self._send(BUILDERS[dialect.MAVLINK_MSG_ID_HOME_POSITION](self._report(at)))
 
     def _report(self, at: int) -> VehicleReport:
         """Return the values for messages at an instant, rounded down to the milliseconds of its time stamp."""

@@ -13,8 +13,14 @@ from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.mavlink.dialect import Verdict
 
 _MOST_SOURCES: Final = 32  # a hostile link may have 65,536
-_KINDS: Final = "GCS GIMBAL ADSB CAMERA ONBOARD_CONTROLLER ANTENNA_TRACKER"
-_NOT_VEHICLES: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
+_NOT_VEHICLES: Final = {
+    dialect.MAV_TYPE_GCS,
+    dialect.MAV_TYPE_GIMBAL,
+    dialect.MAV_TYPE_ADSB,
+    dialect.MAV_TYPE_CAMERA,
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+    dialect.MAV_TYPE_ANTENNA_TRACKER,
+}
 
 
 @dataclass(frozen=True)
@@ -149,9 +155,6 @@ class Senders:
         self._heard_at = now
 
 
-_HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
-_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-
 Velocity = tuple[float, float, float]  # NED, m/s
 
 _WINDOW_S: Final = 30.0  # of the clock: a vehicle's clock may be slow, and packets may come late
@@ -184,12 +187,12 @@ class Identity:
 
     def owns(self, message: Any, now: float) -> bool:
         """Return True if a message that navigation handles may be from this vehicle."""
-        if message.id == _HOME:
+        if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
             return True
         boot = message.time_boot_ms / 1e3
         if not self.time(boot, now):
             return False
-        if message.id != _POSITION or is_zero(message):
+        if message.id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT or is_zero(message):
             return True
         return self.place(boot, *place_of(message))
 

@@ -11,8 +11,16 @@ from typing import Any, Final
 from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.mavlink.codec import command, dialect
 
-_KINDS: Final = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DODECAROTOR DECAROTOR"
-_MULTIROTORS: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
+_MULTIROTORS: Final = {
+    dialect.MAV_TYPE_QUADROTOR,
+    dialect.MAV_TYPE_COAXIAL,
+    dialect.MAV_TYPE_HELICOPTER,
+    dialect.MAV_TYPE_HEXAROTOR,
+    dialect.MAV_TYPE_OCTOROTOR,
+    dialect.MAV_TYPE_TRICOPTER,
+    dialect.MAV_TYPE_DODECAROTOR,
+    dialect.MAV_TYPE_DECAROTOR,
+}
 _SUB: Final = {2: "takeoff", 3: "hold", 4: "mission", 5: "return", 6: "land", 8: "follow", 9: "precision land"}
 _MAIN: Final = {1: "manual", 2: "altitude", 3: "position", 5: "acro", 6: "offboard", 7: "stabilized", 8: "rattitude"}
 _AUTO: Final = 4 << 16  # the main mode of all its sub-modes

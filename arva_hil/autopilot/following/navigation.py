@@ -311,9 +311,6 @@ _LARGEST_RATES: Final = 100.0  # rad/s, likewise
 _M_PER_DEG: Final = 111_320.0
 _HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-_ATTITUDE: Final = dialect.MAVLINK_MSG_ID_ATTITUDE
-_QUATERNION: Final = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
-HANDLED: Final = frozenset({_POSITION, _ATTITUDE, _QUATERNION, _HOME})  # by `Navigation.on_message`
 
 
 class Navigation:
@@ -433,9 +430,10 @@ class Navigation:
 
 _STAMPED: Final = {
     _POSITION: Navigation._on_position,
-    _ATTITUDE: Navigation._on_attitude,
-    _QUATERNION: Navigation._on_quaternion,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: Navigation._on_attitude,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Navigation._on_quaternion,
 }
+HANDLED: Final = frozenset({*_STAMPED, _HOME})  # by `Navigation.on_message`
 
 
 def place_of(message: Any) -> tuple[Place, tuple[float, float, float]]:

@@ -24,7 +24,7 @@ _PATIENCE: Final = 3  # requests with one command without effect, before the oth
 _SLOWEST_HZ: Final = 4.0
 
 _SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+_POSITIONS: Final = (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,)
 _ATTITUDES: Final = (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
 
 
@@ -111,7 +111,7 @@ class Streams:
     def restart(self, now: float) -> None:
         """Begin with a new vehicle, which has got no request."""
         self.wanted = [
-            Stream("GLOBAL_POSITION_INT", (_POSITION,), dialect.MAV_DATA_STREAM_POSITION, self.rate_hz),
+            Stream("GLOBAL_POSITION_INT", _POSITIONS, dialect.MAV_DATA_STREAM_POSITION, self.rate_hz),
             Stream("ATTITUDE", _ATTITUDES, dialect.MAV_DATA_STREAM_EXTRA1, self.rate_hz),
         ]
         self._all = self.wanted[:]

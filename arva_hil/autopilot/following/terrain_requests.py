@@ -14,7 +14,6 @@ from arva_hil.mavlink.codec import dialect
 
 LatLon = tuple[float, float]  # degrees, to 1e-7
 
-_REPORT: Final = dialect.MAVLINK_MSG_ID_TERRAIN_REPORT
 _EVERY_S: Final = 0.2  # between two requests
 _HEIGHTS_M: Final = (-500.0, 9000.0)
 
@@ -41,7 +40,7 @@ class TerrainRequests:
         if not self._open:
             return False
         low, high = _HEIGHTS_M
-        for _, message in received.messages((_REPORT,)):
+        for _, message in received.messages((dialect.MAVLINK_MSG_ID_TERRAIN_REPORT,)):
             place = message.lat / 1e7, message.lon / 1e7
             if message.spacing and low <= message.terrain_height <= high and place in self._open:
                 self._open.remove(place)

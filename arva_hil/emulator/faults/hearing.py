@@ -45,9 +45,7 @@ class Switch:
         return Random(f"{self._key} {number}")
 
 
-_GAIN: Final = Number(0, 1, "a gain")
 _SIGNAL: Final = Number(0, 1e9, "nA/m", above=True, unit="nA/m")
-_DECIBELS: Final = Number(0, 60, "decibels", above=True, unit="dB")
 
 
 def _impaired(made: Callable[[float], Impairment]) -> Callable[[Look, Switch], Look]:
@@ -68,7 +66,7 @@ def _antenna(axis: int, gain: float) -> Impairment:
 ANTENNA_X, ANTENNA_Y, ANTENNA_Z = (
     FaultKind(
         "heard",
-        _GAIN,
+        Number(0, 1, "a gain"),
         f"the antenna {name} has this gain: 0 dead, below 1 detuned",
         _impaired(partial(_antenna, axis)),
     )
@@ -76,7 +74,7 @@ ANTENNA_X, ANTENNA_Y, ANTENNA_Z = (
 )
 COLD: Final = FaultKind(
     "heard",
-    _DECIBELS,
+    Number(0, 60, "decibels", above=True, unit="dB"),
     "a cold battery: the gain of all antennas",
     _impaired(lambda decibels: Impairment(gains=(10 ** (-decibels / 20),) * 3)),
 )

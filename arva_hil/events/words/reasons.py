@@ -15,7 +15,6 @@ _NO_POSE = {
     "impossible position": "the position is out of range: no GPS fix yet",
     "streams stopped": "the streams have stopped",
 }
-_SIMULATORS = "only the simulators of ArduPilot and PX4 send their"
 
 
 _NO_VEHICLE: Final = {
@@ -42,7 +41,8 @@ def no_pose(why: NoPose) -> str:
     if why.reason in _NO_POSE:
         return _NO_POSE[why.reason]
     if why.reason == "no truth":
-        who = f"no {why.message}: only a simulator sends its" if why.message else _SIMULATORS
+        simulators = "only the simulators of ArduPilot and PX4 send their"
+        who = f"no {why.message}: only a simulator sends its" if why.message else simulators
         return f"{who} vehicle's true pose; use `pose: estimate` otherwise"
     zeros = ["the position is all zeros: no GPS fix yet"] if why.reason == "zero position" else []
     return ", ".join(zeros + [_silent(stream) for stream in why.streams])

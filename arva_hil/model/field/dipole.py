@@ -75,7 +75,6 @@ Carriers = Mapping[int, tuple[Array, Array]]
 """System id → position (3,) NED, metres, and body → NED (3, 3) of that vehicle now; without the silent ones."""
 
 _NOBODY: Final[Carriers] = {}
-_SILENT: Final = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +133,7 @@ class MovingTransmitters:
             if isinstance(motion, Waypoints):
                 positions[index] = motion.at(time_s)
             elif (pose := carriers.get(motion.system)) is None:
-                strengths[index] = _SILENT
+                strengths[index] = 0.0  # silent
                 unplaced.add(rest.ids[index])
             else:
                 position, rotation = pose
