@@ -31,7 +31,7 @@ def main(options: argparse.Namespace) -> int:
         if recording is None:
             return INTERRUPTED
         tell(*(f"warning: {note}" for note in recording.notes))
-        state = RecordedState(recording, background_of(options.map, recording.run.scenario if recording.run else None))
+        state = RecordedState(recording, background_of(options.map, recording.scenario))
         if options.out:
             page = offline_page(state)
             write(Path(options.out), page)

@@ -102,7 +102,7 @@ def test_the_true_range_goes_on_where_nothing_is_heard(axes: Axes, tmp_path: Pat
 
 def test_the_timeline_has_each_fault_when_it_struck(axes: Axes, tmp_path: Path) -> None:
     recording = load(write(tmp_path / "flight", COUNT))
-    lanes = {lane.label: lane.spans for lane in over_time._lanes(recording, recording.receivers[0])}
+    lanes = dict(over_time._lanes(recording, recording.receivers[0]))
     assert list(lanes) == ["pose", "zone", "stuck", "drop", "search"]
     assert [(begin, end) for begin, end, _ in lanes["stuck"]] == [(6.0, 7.0), (13.0, 14.0)]
     assert [(begin, end) for begin, end, _ in lanes["pose"]] == [(3.0, 20.0)]
@@ -155,7 +155,7 @@ def test_every_record_has_a_picture_whatever_is_missing_in_it(tmp_path: Path) ->
         write_search(tmp_path / "step", 1, found=None),
     ]
     for folder in records:
-        for _, draws in run._each(load(folder)):
+        for _, draws in run._draws(load(folder)):
             for draw in draws.values():
                 axes = Figure().add_subplot()
                 draw(axes)

@@ -43,7 +43,7 @@ class RecordedState(State):
     """
 
     def __init__(self, recording: Recording, background: Source | None = None) -> None:
-        scenario = recording.run.scenario if recording.run else None
+        scenario = recording.scenario
         super().__init__(
             "view",
             recording.title,

@@ -169,5 +169,5 @@ def _transmitters(recording: Recording) -> Iterator[Landmark]:
                 of = f" (datum of {vehicle})" if vehicle else ""
                 about = f"true place at the end of the run, strength {strength:g}"
                 yield Landmark("transmitter", f"transmitter {id_}{of}", about, (place[0], place[1], place[2]), (), id_)
-        if recording.run and recording.run.scenario and recording.run.scenario.datum != "home":
+        if recording.scenario and recording.scenario.datum != "home":
             return  # the same for every vehicle

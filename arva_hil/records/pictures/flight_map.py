@@ -8,7 +8,7 @@ import numpy as np
 
 from arva_hil.model.field import Transmitters
 from arva_hil.model.field_lines import field_lines
-from arva_hil.records.pictures.style import BLUE, GREY, ORANGE, PALE, RED, look_of, thinned
+from arva_hil.records.pictures.style import BLUE, GREY, ORANGE, PALE, RED, look_of, some
 from arva_hil.records.reading import RecordedReceiver, Recording
 
 if TYPE_CHECKING:
@@ -26,28 +26,24 @@ def draw_map(axes: Axes, recording: Recording, receiver: RecordedReceiver | None
     if receiver is not None:
         seen += _draw_track(axes, receiver)
     seen += _draw_search(axes, recording, vehicle)
-    transmitters = None
-    moving = recording.transmitters(vehicle, recording.span_s[1]) if receiver is not None else None
-    if moving is not None:
+    moving = recording.transmitters(vehicle, recording.span_s[1])
+    if moving is None or receiver is None or recording.scenario is None:
+        _frame(axes, seen)
+    else:
         transmitters = moving.at(recording.span_s[1])
-        seen += _draw_transmitters(axes, transmitters)
-    _frame(axes, seen)
-    if transmitters is not None and receiver is not None:
+        _frame(axes, seen + _draw_transmitters(axes, transmitters))
         heights = receiver.position[:, 2]
         down_m = float(np.nanmedian(heights)) if np.isfinite(heights).any() else -_HEIGHT_M
-        _draw_field(axes, transmitters, down_m, _kappa(recording))
+        _draw_field(axes, transmitters, down_m, recording.scenario.receiver.kappa_eq)
     of = "the datum" if receiver is not None else "the take-off point"
     axes.set(xlabel=f"east of {of}, m", ylabel="north, m", title="Flight over flux lines and lines of equal d")
     axes.set_aspect("equal")
-    _, labels = axes.get_legend_handles_labels()
-    if labels:
+    if axes.get_legend_handles_labels()[1]:
         axes.legend(loc="best")
 
 
 def _draw_track(axes: Axes, receiver: RecordedReceiver) -> list[Any]:
-    there = np.isfinite(receiver.position[:, :2]).all(axis=1)
-    rows = np.flatnonzero(there)
-    rows = rows[thinned(len(rows))]
+    rows = some(np.isfinite(receiver.position[:, :2]).all(axis=1))
     if not len(rows):
         return []
     north, east = receiver.position[rows, 0], receiver.position[rows, 1]
@@ -66,12 +62,10 @@ def _draw_search(axes: Axes, recording: Recording, vehicle: str) -> list[Any]:
     search = recording.search
     if search is None:
         return []
-    rows = np.flatnonzero(np.isfinite(search.position).all(axis=1))
-    rows = rows[thinned(len(rows))]
-    steps = search.position[rows]
+    steps = search.position[some(np.isfinite(search.position).all(axis=1))]
     moved = recording.of_search(steps, vehicle) if recording.receivers else steps
     seen = []
-    if moved is not None and len(rows):
+    if moved is not None and len(moved):
         label = "search: its own position" if recording.receivers else "flown"
         axes.plot(moved[:, 1], moved[:, 0], color=ORANGE, lw=1.2, ls=(0, (4, 2)), label=label, zorder=3)
         seen.append(moved[:, 1::-1])
@@ -142,8 +136,3 @@ def _frame(axes: Axes, seen: list[Any]) -> None:
     east, north = ((low + high) / 2).tolist()
     axes.set_xlim(east - half, east + half)
     axes.set_ylim(north - half, north + half)
-
-
-def _kappa(recording: Recording) -> float:
-    scenario = recording.run.scenario if recording.run else None
-    return scenario.receiver.kappa_eq if scenario else 1.542

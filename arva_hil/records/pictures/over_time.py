@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, PALETTE, PINK, RED, SKY, look_of, thinned
+from arva_hil.records.pictures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    PALETTE,
+    PINK,
+    RED,
+    SKY,
+    look_of,
+    some,
+    thinned,
+)
 from arva_hil.records.reading import RecordedReceiver, Recording
 from arva_hil.records.reading.streams import RecordedStream
 from arva_hil.safe_text import one_line
@@ -38,8 +51,7 @@ def draw_distance(axes: Axes, recording: Recording, receiver: RecordedReceiver |
         axes.plot(receiver.time_s[rows], ranges, color=colour, lw=1.0, label=f"transmitter {id_}: true range")
         d_m, _, zone, _ = receiver.of_transmitter(id_)
         for in_zone, marker, words in ((1, "o", "d, mid zone"), (2, "s", "d, inner zone")):
-            here = np.flatnonzero(zone == in_zone)
-            here = here[thinned(len(here))]
+            here = some(zone == in_zone)
             if len(here):
                 size = 3 if len(here) < 500 else 1.2
                 label = words if n == 0 else None
@@ -57,38 +69,33 @@ def true_range(recording: Recording, receiver: RecordedReceiver, id_: int, rows:
     """Return the true range of the transmitter at some frames, m: from a slot, else by the scenario; NaN if unknown."""
     ranges = receiver.of_transmitter(id_)[3][rows]
     for n in np.flatnonzero(np.isnan(ranges)):
-        row = rows[n]
-        moving = recording.transmitters(receiver.vehicle, float(receiver.time_s[row]))
+        time_s = float(receiver.time_s[rows[n]])
+        moving = recording.transmitters(receiver.vehicle, time_s)
         if moving is None:
             break
-        now = moving.at(float(receiver.time_s[row]))
-        ranges[n] = now.ranges(receiver.position[row]).get(id_, np.nan)
+        ranges[n] = moving.at(time_s).ranges(receiver.position[rows[n]]).get(id_, np.nan)
     return ranges
 
 
-class Lane(NamedTuple):
-    """One row of the timeline. `spans`: begin and end [s], colour."""
-
-    label: str
-    spans: Sequence[tuple[float, float, str]]
+Lane = tuple[str, Sequence[tuple[float, float, str]]]
+"""One row of the timeline: its label; begin and end [s] and colour of its spans."""
 
 
 def draw_timeline(axes: Axes, recording: Recording, receiver: RecordedReceiver | None) -> None:
     """Draw a row for the pose, one for the zone of the nearest transmitter, one for each fault, one for the search."""
-    lanes = list(_lanes(recording, receiver)) or [Lane("no frame", [])]
-    for row, lane in enumerate(lanes):
-        for begin_s, end_s, colour in lane.spans:
+    lanes = list(_lanes(recording, receiver)) or [("no frame", [])]
+    for row, (_, spans) in enumerate(lanes):
+        for begin_s, end_s, colour in spans:
             axes.broken_barh([(begin_s, end_s - begin_s)], (row - 0.38, 0.76), color=colour, lw=0)
-    axes.set_yticks(range(len(lanes)), [lane.label for lane in lanes])
+    axes.set_yticks(range(len(lanes)), [label for label, _ in lanes])
     axes.set_ylim(len(lanes) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
     begin_s, end_s = recording.span_s
     axes.set_xlim(begin_s, max(end_s, begin_s + 1))
     axes.set(xlabel="time from the start of the run, s", title="Timeline")
-    keys = list(_legend(lanes))
-    for colour, label in keys:
+    for colour, label in _legend(lanes):
         axes.plot([], [], color=colour, lw=6, label=label)
-    if keys:
+    if axes.get_legend_handles_labels()[1]:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=4)
 
 
@@ -96,17 +103,14 @@ def _lanes(recording: Recording, receiver: RecordedReceiver | None) -> Iterator[
     if receiver is not None and len(receiver):
         end_s, time_s = _end_s(receiver), receiver.time_s
         has_pose = np.asarray(np.isfinite(receiver.position).all(axis=1))
-        yield Lane("pose", [(a, b, GREEN) for a, b in _spans(time_s, has_pose, end_s)])
+        yield "pose", [(*span, GREEN) for span in _spans(time_s, has_pose, end_s)]
         zone = receiver.nearest_zone
-        spans = [
-            (a, b, colour) for number, colour in ((1, BLUE), (2, RED)) for a, b in _spans(time_s, zone == number, end_s)
-        ]
-        yield Lane("zone", spans)
+        spans = [(*span, BLUE) for span in _spans(time_s, zone == 1, end_s)]
+        yield "zone", spans + [(*span, RED) for span in _spans(time_s, zone == 2, end_s)]
         for name in receiver.faults[:_MOST_FAULTS]:
-            struck = _spans(time_s, receiver.with_fault(name), end_s)
-            yield Lane(one_line(name), [(a, b, ORANGE) for a, b in struck])
+            yield one_line(name), [(*span, ORANGE) for span in _spans(time_s, receiver.with_fault(name), end_s)]
     if (search := recording.search) and len(search.time_s):
-        yield Lane("search", list(_phases(search.time_s + search.start_s, search.phase)))
+        yield "search", list(_phases(search.time_s + search.start_s, search.phase))
 
 
 def _phases(time_s: Floats, phases: Sequence[str]) -> Iterator[tuple[float, float, str]]:
@@ -118,7 +122,7 @@ def _phases(time_s: Floats, phases: Sequence[str]) -> Iterator[tuple[float, floa
 
 
 def _legend(lanes: Sequence[Lane]) -> Iterator[tuple[str, str]]:
-    labels = {lane.label for lane in lanes}
+    labels = {label for label, _ in lanes}
     if "zone" in labels:
         yield from ((GREEN, "pose known"), (BLUE, "mid zone"), (RED, "inner zone"))
     if "search" in labels:
@@ -148,8 +152,7 @@ def _end_s(receiver: RecordedReceiver) -> float:
 
 def _ids(recording: Recording, receiver: RecordedReceiver) -> list[int]:
     """Return the transmitters to draw: those of the scenario, then others received; not too many."""
-    scenario = recording.run.scenario if recording.run else None
-    every = [transmitter.id for transmitter in scenario.transmitters] if scenario else []
+    every = [transmitter.id for transmitter in recording.scenario.transmitters] if recording.scenario else []
     heard = set(receiver.ids)
     ordered = [id_ for id_ in every if id_ in heard] + sorted(heard - set(every)) + [i for i in every if i not in heard]
     return ordered[:_MOST_IDS]
@@ -159,8 +162,7 @@ def _draw_search_distance(axes: Axes, recording: Recording) -> None:
     search = recording.search
     if search is None:
         return
-    here = np.flatnonzero(search.d_cm > 0)
-    here = here[thinned(len(here))]
+    here = some(search.d_cm > 0)
     axes.plot(search.time_s[here], search.d_cm[here] / 100, "o", ms=3, color=BLUE, ls="none", label="d")
     axes.set(xlabel="time from the start of the search, s")
     axes.set_ylim(bottom=0)

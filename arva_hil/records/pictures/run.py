@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from arva_hil.records.pictures.flight_map import draw_map
 from arva_hil.records.pictures.over_time import draw_distance, draw_lateness, draw_streams, draw_timeline
 from arva_hil.records.pictures.style import SCREEN, Format, Print, figure, move_legend, saved, styled
-from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.records.reading import Recording
 from arva_hil.records.reading.streams import streams
 from arva_hil.safe_text import one_line
 
@@ -31,7 +31,7 @@ def pictures(
     Raises ModuleNotFoundError without matplotlib, RecordingError for a log that cannot be read.
     """
     with styled(form.style):
-        for receiver, draws in _each(recording):
+        for receiver, draws in _draws(recording):
             for name, draw in draws.items():
                 made = form.figure(*_SIZES.get(name, _USUAL))
                 axes = made.add_subplot()
@@ -45,9 +45,11 @@ def pictures(
 def sheets(recording: Recording, format: Format) -> Iterator[tuple[str, bytes]]:
     """(receiver, file) of each receiver: all its pictures on one sheet. Raises as `pictures` does."""
     with styled():
-        for receiver, draws in _each(recording):
+        for receiver, draws in _draws(recording):
             made = figure(13.0, 9.5)
-            places = made.subplot_mosaic(_mosaic(list(draws)), height_ratios=[1.0, 0.62, 0.75])
+            last = ["lateness", "streams"] if "streams" in draws else ["map", "timeline"]
+            mosaic: Any = [["map", "distance"], ["map", "timeline"], last]
+            places = made.subplot_mosaic(mosaic, height_ratios=[1.0, 0.62, 0.75])
             for name, draw in draws.items():
                 draw(places[name])
             made.suptitle(" · ".join(filter(None, [one_line(recording.title), receiver])), fontsize=12)
@@ -65,22 +67,15 @@ def of_search(recording: Recording) -> bytes:
         return saved(made, "png")
 
 
-def _each(recording: Recording) -> Iterator[tuple[str, dict[str, Draw]]]:
+def _draws(recording: Recording) -> Iterator[tuple[str, dict[str, Draw]]]:
+    """Yield the name of each receiver, and the pictures for which the record has data."""
     for receiver in recording.receivers or (None,):
-        yield receiver.name if receiver is not None else "", dict(_draws(recording, receiver))
-
-
-def _draws(recording: Recording, receiver: RecordedReceiver | None) -> Iterator[tuple[str, Draw]]:
-    """Yield the pictures for which the record has data."""
-    yield "map", partial(draw_map, recording=recording, receiver=receiver)
-    yield "distance", partial(draw_distance, recording=recording, receiver=receiver)
-    yield "timeline", partial(draw_timeline, recording=recording, receiver=receiver)
-    if receiver is not None:
-        yield "lateness", partial(draw_lateness, receiver=receiver)
-        yield "streams", partial(draw_streams, streams=streams(recording, receiver.vehicle))
-
-
-def _mosaic(names: Sequence[str]) -> Any:
-    if "streams" in names:
-        return [["map", "distance"], ["map", "timeline"], ["lateness", "streams"]]
-    return [["map", "distance"], ["map", "timeline"], ["map", "timeline"]]
+        draws: dict[str, Draw] = {
+            "map": partial(draw_map, recording=recording, receiver=receiver),
+            "distance": partial(draw_distance, recording=recording, receiver=receiver),
+            "timeline": partial(draw_timeline, recording=recording, receiver=receiver),
+        }
+        if receiver is not None:
+            draws["lateness"] = partial(draw_lateness, receiver=receiver)
+            draws["streams"] = partial(draw_streams, streams=streams(recording, receiver.vehicle))
+        yield receiver.name if receiver is not None else "", draws

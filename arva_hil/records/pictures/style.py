@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,6 +133,12 @@ def saved(made: Figure, format: Format, *, transparent: bool = False) -> bytes:
     dates: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     made.savefig(out, format=format, metadata=dates[format], transparent=transparent)
     return out.getvalue()
+
+
+def some(which: ArrayLike) -> NDArray[np.int64]:
+    """Return the numbers of the points that are True, thinned."""
+    rows = np.flatnonzero(which)
+    return rows[thinned(len(rows))]
 
 
 def thinned(count: int, most: int = MOST_POINTS) -> NDArray[np.int64]:

@@ -91,8 +91,7 @@ class RecordedReceiver:
 
     def with_fault(self, name: str) -> NDArray[np.bool_]:
         """Return True (N,) for each frame that the fault changed."""
-        has: NDArray[np.bool_] = np.array([name in names for names in self.fault_sets], bool)
-        return has[self.fault_set]
+        return np.array([name in names for names in self.fault_sets], bool)[self.fault_set]
 
     def of_transmitter(self, id_: int) -> tuple[Floats, Floats, Ints, Floats]:
         """Return the readings of one transmitter: d in metres, δ in degrees, zone, true range in metres, each (N,).
@@ -218,6 +217,11 @@ class Recording:
     datums: Mapping[str, tuple[RecordedDatum, ...]]
     notes: tuple[str, ...]
 
+    @property
+    def scenario(self) -> Scenario | None:
+        """The scenario of the run, if this program can read it."""
+        return self.run.scenario if self.run else None
+
     @cached_property
     def _placed(self) -> dict[RecordedDatum, MovingTransmitters]:
         """The transmitters that were requested, cached."""
@@ -264,14 +268,10 @@ class Recording:
 
     def transmitters(self, vehicle: str, time_s: float = 0.0) -> MovingTransmitters | None:
         """Return the scenario's transmitters, NED from the vehicle's datum then; None without scenario or datum."""
-        scenario = self.run.scenario if self.run else None
-        datum = self.datum_at(vehicle, time_s)
-        if scenario is None:
+        scenario, datum = self.scenario, self.datum_at(vehicle, time_s)
+        if scenario is None or (datum is None and any(transmitter.lla for transmitter in scenario.transmitters)):
             return None
-        if datum is None:
-            if any(transmitter.lla for transmitter in scenario.transmitters):
-                return None
-            datum = RecordedDatum(0.0, 0.0, 0.0, 0.0)
+        datum = datum or RecordedDatum(0.0, 0.0, 0.0, 0.0)
         if datum not in self._placed:
             self._placed[datum] = moving_transmitters(scenario, datum.frame)
         return self._placed[datum]
@@ -285,7 +285,5 @@ class Recording:
         if search is None or search.origin is None:
             return None
         end_s = search.start_s + float(search.time_s[-1] if len(search.time_s) else 0.0)
-        if (datum := self.datum_at(vehicle, end_s)) is None:
-            return None
-        moved: Floats = datum.frame.ned(*LocalFrame(*search.origin).lla(ned))
-        return moved
+        datum = self.datum_at(vehicle, end_s)
+        return None if datum is None else datum.frame.ned(*LocalFrame(*search.origin).lla(ned))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from arva_hil.config import Scenario
 from arva_hil.events.words.text import in_metres
 from arva_hil.records.reading import RecordedReceiver, Recording
-from arva_hil.records.reading.lines import mapping, number
+from arva_hil.records.reading.lines import mapping, number, objects, text
 from arva_hil.records.reading.search import RecordedPlace
 from arva_hil.records.reading.streams import streams
 from arva_hil.safe_text import one_line
@@ -23,6 +23,7 @@ Facts = Mapping[str, Mapping[str, str]]  # heading → label → value
 _MOST_STREAMS: Final = 8
 _MOST_IDS: Final = 8
 _MOST: Final = 200  # values of one kind
+_NOT_ENDED: Final = "not: it goes on, or was killed"
 
 
 def facts(recording: Recording) -> Facts:
@@ -48,7 +49,9 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
     run = recording.run
     begin_s, end_s = recording.span_s
     if run is not None:
-        yield "ended", _ended(run.json)
+        how = run.json.get("ended")
+        ended = one_line(f"{how} (exit code {run.json.get('exit_code')})")
+        yield "ended", _NOT_ENDED if how is None else ended
         yield "started", run.started
     yield "length", f"{end_s - begin_s:.1f} s"
     if run is None:
@@ -61,7 +64,9 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
         yield from _scenario(run.scenario, real=run.is_real)
     if run.seed is not None:
         yield "seed", str(run.seed)
-    yield "autopilot", ", ".join(_autopilots(recording)) or "none was found"
+    labels = [text(event.get("label")) for event in recording.events if event.get("event") == "vehicle_found"]
+    found = dict.fromkeys(one_line(label) for label in labels if label)
+    yield "autopilot", ", ".join(list(found)[:_MOST]) or "none was found"
     command = run.json.get("command")
     if isinstance(command, list):
         yield "command", one_line(" ".join(map(str, command[:_MOST])))
@@ -91,17 +96,11 @@ def _scenario(scenario: Scenario, *, real: bool) -> Iterator[tuple[str, str]]:
         yield "faults planned", "; ".join(str(fault) for fault in scenario.faults[:_MOST])
 
 
-def _autopilots(recording: Recording) -> list[str]:
-    """Return the labels of the vehicles found."""
-    labels = [event.get("label") for event in recording.events if event.get("event") == "vehicle_found"]
-    return list(dict.fromkeys(one_line(label) for label in labels if isinstance(label, str)))[:_MOST]
-
-
 def _search(recording: Recording) -> Iterator[tuple[str, str]]:
     search = recording.search
     assert search is not None
     said = search.outcome
-    yield "ended", one_line(search.how) or "not: it goes on, or was killed"
+    yield "ended", one_line(search.how) or _NOT_ENDED
     if search.places:
         yield "found", found_of(recording)
     errors = errors_m(recording)
@@ -117,11 +116,9 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
     ):
         if (value := number(said.get(name))) is not None:
             yield label, form.format(value)
-    others = said.get("others")
-    for other in others[:_MOST_IDS] if isinstance(others, list) else []:
-        nearest = number(mapping(other).get("nearest_m"))
-        if nearest is not None:
-            yield f"received, not found: {one_line(mapping(other).get('id'))}", f"{nearest:.1f} m away at the nearest"
+    for other in objects(said.get("others"))[:_MOST_IDS]:
+        if (nearest := number(other.get("nearest_m"))) is not None:
+            yield f"received, not found: {one_line(other.get('id'))}", f"{nearest:.1f} m away at the nearest"
 
 
 def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str]]:
@@ -184,19 +181,21 @@ def _faults(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _counters(said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the counters that are not 0, those of vehicles and receivers with their names."""
-    yield from _numbers("", mapping(said.get("counters")))
-    for vehicle, of_vehicle in list(mapping(said.get("vehicles")).items())[:_MOST]:
-        yield from _numbers(f"{vehicle}: ", mapping(mapping(of_vehicle).get("counters")))
-        for receiver, counters in list(mapping(mapping(of_vehicle).get("receivers")).items())[:_MOST]:
-            yield from _numbers(f"{vehicle}/{receiver}: ", mapping(counters))
+    groups = [("", said.get("counters"))]
+    for vehicle, of_vehicle in _first(said.get("vehicles")):
+        groups.append((f"{vehicle}: ", mapping(of_vehicle).get("counters")))
+        groups += [(f"{vehicle}/{name}: ", counters) for name, counters in _first(mapping(of_vehicle).get("receivers"))]
+    for prefix, counters in groups:
+        for name, value in _first(counters):
+            if (count := number(value)) is not None and (shown := _plain(count, 6)) != "0":
+                unit = " s" if name.endswith("_s") else ""
+                label = "worst lateness" if name == "latest_s" else name.removesuffix("_s").replace("_", " ")
+                yield one_line(prefix + label), shown + unit
 
 
-def _numbers(prefix: str, counters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    for name, value in list(counters.items())[:_MOST]:
-        if (count := number(value)) is not None and (shown := _plain(count, 6)) != "0":
-            unit = " s" if name.endswith("_s") else ""
-            label = "worst lateness" if name == "latest_s" else name.removesuffix("_s").replace("_", " ")
-            yield one_line(prefix + label), shown + unit
+def _first(value: object) -> list[tuple[str, Any]]:
+    """Return the entries of an object, a bounded number of them."""
+    return list(mapping(value).items())[:_MOST]
 
 
 def _plain(value: float, digits: int) -> str:
@@ -204,15 +203,10 @@ def _plain(value: float, digits: int) -> str:
     return f"{value:.{digits}f}".rstrip("0").rstrip(".")
 
 
-def _ended(said: Mapping[str, Any]) -> str:
-    how, code = said.get("ended"), said.get("exit_code")
-    return "not: it goes on, or was killed" if how is None else one_line(f"{how} (exit code {code})")
-
-
 def merged(every: Sequence[Facts]) -> list[tuple[str, list[tuple[str, list[str]]]]]:
     """Return the facts of several runs beside each other; "" for a missing fact."""
     result = []
-    for heading in _union(facts_ for facts_ in every):
+    for heading in _union(every):
         rows = [one.get(heading, {}) for one in every]
         result.append((heading, [(label, [row.get(label, "") for row in rows]) for label in _union(rows)]))
     return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from arva_hil.events.words.text import in_metres
 from arva_hil.records.pictures.run import pictures
@@ -24,28 +24,11 @@ _CAPTIONS: Final = {
 }
 
 
-class Happened(NamedTuple):
-    """One event, for a person."""
-
-    time_s: float
-    level: str
-    text: str
-
-
-class Told(NamedTuple):
-    """The contents of the page about one run, apart from its facts."""
-
-    name: str
-    when: str
-    verdict: str
-    notes: Sequence[str]
-    events: Sequence[Happened]
-    more_events: int
-
-
 def page(recordings: Sequence[Recording]) -> str:
     """Return the page. Without matplotlib it has no pictures. Raises RecordingError."""
-    names = _names(recordings)
+    names = [one_line(recording.title) for recording in recordings]
+    if len(set(names)) < len(names):  # with their parents
+        names = [one_line(recording.folder) for recording in recordings]
     told = [_told(name, recording) for name, recording in zip(names, recordings, strict=True)]
     return render(
         "arva_hil.records.report",
@@ -58,19 +41,17 @@ def page(recordings: Sequence[Recording]) -> str:
     )
 
 
-def _names(recordings: Sequence[Recording]) -> list[str]:
-    """Return the folders' names; with their parents if two are the same."""
-    names = [one_line(recording.title) for recording in recordings]
-    if len(set(names)) < len(names):
-        names = [one_line(recording.folder) for recording in recordings]
-    return names
-
-
-def _told(name: str, recording: Recording) -> Told:
+def _told(name: str, recording: Recording) -> dict[str, Any]:
+    """Return the contents of the page about one run, apart from its facts."""
     happened = [one for event in recording.events if (one := _happened(event))]
-    when = recording.run.started if recording.run else ""
-    more = max(0, len(happened) - _MOST_EVENTS)
-    return Told(name, when, _verdict(recording), recording.notes, happened[:_MOST_EVENTS], more)
+    return {
+        "name": name,
+        "when": recording.run.started if recording.run else "",
+        "verdict": _verdict(recording),
+        "notes": recording.notes,
+        "events": happened[:_MOST_EVENTS],
+        "more_events": max(0, len(happened) - _MOST_EVENTS),
+    }
 
 
 def _verdict(recording: Recording) -> str:
@@ -91,14 +72,15 @@ def _verdict(recording: Recording) -> str:
     return ", ".join(words)
 
 
-def _happened(event: Any) -> Happened | None:
-    """Return the console's text of an event; None without one."""
+def _happened(event: Any) -> dict[str, Any] | None:
+    """Return the console's text of an event, with its time and level; None without one."""
     notice = mapping(event.get("notice"))
     said, level = text(notice.get("text")), text(notice.get("level"))
     if not said:
         return None
     by = "search: " if event.get("by") == "search" and not said.startswith("search: ") else ""
-    return Happened(event["time_s"], level if level in ("warning", "error") else "info", by + one_line(said))
+    level = level if level in ("warning", "error") else "info"
+    return {"time_s": event["time_s"], "level": level, "text": by + one_line(said)}
 
 
 def _pictures(names: Sequence[str], recordings: Sequence[Recording]) -> list[tuple[str, str]] | None:

@@ -30,9 +30,8 @@ def messages_of(recording: Recording) -> Iterator[Publication]:
     A record has no reported attitude: a reported pose has the true one.
     """
     epoch_us = round((recording.start_utc_s or 0.0) * 1e6)
-    scenario = recording.run.scenario if recording.run else None
     names = [(receiver.vehicle, receiver.receiver) for receiver in recording.receivers]
-    made = LiveMessages(scenario, epoch_us, searches=True, receivers=names)
+    made = LiveMessages(recording.scenario, epoch_us, searches=True, receivers=names)
     parts: list[Iterator[Event]] = [_of_receiver(receiver) for receiver in recording.receivers]
     parts.append(iter(recording.status))
     if recording.search:
