@@ -31,15 +31,16 @@ from arva_hil.events.searches import (
 from arva_hil.events.vehicles import AutopilotText, VehicleFound
 from arva_hil.links.pty import PtyLink
 from arva_hil.model.field.dipole import Transmitters
-from arva_hil.model.receiver import ChannelReading, Pose, Reading
+from arva_hil.model.receiver import ChannelReading, Pose
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
-from firmware_proto import Channel, Frame, encode
+from firmware_proto import Frame, encode
 from tests.browser import Tab
 from tests.every import every
 from tests.files import rows as table
 from tests.files import written
+from tests.made_frames import frame_made
 from tests.said import says
 
 from . import flown
@@ -332,10 +333,8 @@ def made(
 ) -> FrameMade:
     """A frame of this number, made at as many seconds, 3 m high."""
     where = Pose([north, east, -3.0], np.eye(3)) if pose else None
-    reading = Reading((ChannelReading(1, 1, d_cm, delta, 9.75),), False, False)
-    frame = Frame(number, 1, (Channel(1, 1, d_cm, delta),))
-    time_s = float(number)
-    return FrameMade(time_s, *of, number, time_s, None, where, 0.1, reading, frame, True, late_s, faults)
+    values = {"time_s": float(number), "age_s": 0.1, "faults": faults}
+    return frame_made(number, ChannelReading(1, 1, d_cm, delta, 9.75), pose=where, of=of, late_s=late_s, **values)
 
 
 def two_buried(state: State) -> State:

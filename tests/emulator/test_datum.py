@@ -13,14 +13,14 @@ import pytest
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import DEFAULT, Lla
 from arva_hil.emulator.datum import HOME_WAIT_S, Datum
-from arva_hil.events import Event, FrameMade, TooFar
+from arva_hil.events import Event, TooFar
 from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.sentences import sentence
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import LocalFrame
-from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
-from firmware_proto import Frame
+from arva_hil.model.receiver import ChannelReading, Pose, Zone
 from tests.every import every
+from tests.made_frames import frame_made
 
 Place = tuple[float, float, float]
 A, B, C = (46.5, 11.35, 1800.0), (46.5, 11.35, 1801.3), (46.6, 11.4, 1700.0)
@@ -295,11 +295,10 @@ def test_a_vehicle_far_from_everything_is_said_once_for_each_place_of_the_datum(
     told = Told()
     told.home(A, 0.1)
     away = Pose(np.array([100_000.0, 55_000.0, -10.0]), np.eye(3))
-    frame = Frame(0, 0, ())
 
     def too_far(id_: int | None, true_range_m: float | None) -> list[Event]:
-        what = Reading((ChannelReading(id_, Zone.OUTER, -1, -1, true_range_m),), False, False)
-        return told.datum.check_distance(FrameMade(0.0, "v", "r", 0, 0.0, None, away, None, what, frame, True, 0.0))
+        channel = ChannelReading(id_, Zone.OUTER, -1, -1, true_range_m)
+        return told.datum.check_distance(frame_made(0, channel, pose=away, of=("v", "r")))
 
     assert too_far(None, 900.0) == []
     assert too_far(None, None) == []  # no transmitter at all

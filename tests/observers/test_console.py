@@ -18,14 +18,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.cli.terminal import show_marked, tell
-from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.words import text
 from arva_hil.events.words.text import Notice, status_line, status_table
-from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
+from arva_hil.model.receiver import ChannelReading, Pose, Zone
 from arva_hil.observers.console import Printer
 from arva_hil.records.pictures.style import LOOKS, SHAPES
 from arva_hil.safe_text import columns_of, wrapped
+from tests.made_frames import frame_made
 from tests.records.test_pictures import SIMULATED, XYZ, lab, linear
 
 POSE = Pose(np.zeros(3), np.eye(3))
@@ -36,8 +36,7 @@ RATES = {"GLOBAL_POSITION_INT": 49.6, "ATTITUDE": 50.2, "HOME_POSITION": 0.1}
 
 
 def made(*channels: ChannelReading) -> FrameMade:
-    reading = Reading(channels, False, False)
-    return FrameMade(1.0, "v", "r", 0, 1.0, None, POSE, 0.015, reading, frame_of(reading, 0), True, 0.0)
+    return frame_made(0, *channels, instant_s=1.0, pose=POSE, of=("v", "r"), age_s=0.015)
 
 
 def vehicle(name: str, receivers: dict[str, FrameMade | None]) -> VehicleStatus:

@@ -50,7 +50,7 @@ from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.model.field.dipole import Transmitters
 from arva_hil.model.field.terrain import TerrainGrid
 from arva_hil.model.field_lines import field_lines
-from arva_hil.model.receiver import ChannelReading, Look, PaperReceiver, Pose, Reading
+from arva_hil.model.receiver import ChannelReading, Look, PaperReceiver, Pose
 from arva_hil.model.receiver.paper import Antennas
 from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.observers.web.background import REACH_M, Background, map_file, terrain
@@ -61,6 +61,7 @@ from arva_hil.observers.web.state import State
 from arva_hil.observers.web.viewer import RecordedState
 from arva_hil.records.reading import load
 from firmware_proto import Channel, Frame
+from tests.made_frames import frame_made
 from tests.made_records import write_search
 
 HOME = (46.0, 7.0, 1650.0)
@@ -70,11 +71,8 @@ def made(
     number: int, north: float = 0.0, d_cm: int = 1234, *, pose: bool = True, receiver: str = "receiver"
 ) -> FrameMade:
     where = Pose([north, 2.0, -3.0], np.eye(3)) if pose else None
-    reading = Reading((ChannelReading(7, 1, d_cm, -12, 12.5), ChannelReading(None, 0, -1, -1, 80.0)), False, False)
-    frame = Frame(number % 256, 1, (Channel(7, 1, d_cm, -12), Channel()))
-    return FrameMade(
-        number + 0.5, "vehicle", receiver, number, float(number), None, where, 0.02, reading, frame, True, 0.5
-    )
+    channels = ChannelReading(7, 1, d_cm, -12, 12.5), ChannelReading(None, 0, -1, -1, 80.0)
+    return frame_made(number, *channels, pose=where, of=("vehicle", receiver), age_s=0.02, late_s=0.5)
 
 
 def status(time_s: float = 1.0, transmitters: Transmitters | None = None, vehicle: str = "vehicle") -> StatusReport:

@@ -17,12 +17,11 @@ import pytest
 
 from arva_hil.cli.search_report import close_log
 from arva_hil.clock import StepClock
-from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.model.field.rotation import from_euler, to_matrix
-from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
+from arva_hil.model.receiver import ChannelReading, Pose, Zone
 from arva_hil.records.writing import Recorder, RecordError, RecordLayout, layout
 from arva_hil.records.writing import growing_files as module
 from arva_hil.records.writing.layout import EventLines
@@ -31,6 +30,7 @@ from arva_hil.runtime import worker_thread
 from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.search.mission.outcome import Outcome, SearchStep
 from tests.files import rows as table
+from tests.made_frames import frame_made
 from tests.made_records import EPOCH_US, START_S, write
 from tests.waiting import no_file_beyond, until
 
@@ -45,11 +45,7 @@ def packets(count: int) -> list[Packet]:
 
 
 def made(number: int) -> FrameMade:
-    reading = Reading((ChannelReading(None, Zone.OUTER, -1, -1, None),), False, False)
-    frame = frame_of(reading, number % 256)
-    return FrameMade(
-        number / 10, "vehicle", "receiver", number, number / 10, None, None, None, reading, frame, True, 0.0
-    )
+    return frame_made(number, ChannelReading(None, Zone.OUTER, -1, -1, None), instant_s=number / 10)
 
 
 def in_tlog(folder: Path) -> int:
@@ -385,14 +381,10 @@ EMPTY = ChannelReading(None, Zone.OUTER, -1, -1, 31.5)
 POSE = Pose(np.array([1 / 3, -2.0, -3.0]), to_matrix(from_euler(np.radians(10.0), 0.0, np.radians(-45.0))))
 
 
-def frame_made(number: int, *channels: ChannelReading, pose: Pose | None = POSE, receiver: str = "r") -> FrameMade:
+def late(number: int, *channels: ChannelReading, pose: Pose | None = POSE, receiver: str = "r") -> FrameMade:
     """Frame `number` of ten a second, made 30 ms after its instant; the run began 2 s after the loop's time 0."""
-    reading, instant_s = Reading(channels, False, False), number / 10
-    frame = frame_of(reading, number % 256)
-    age_s = None if pose is None else 0.1
-    return FrameMade(
-        instant_s + 2.03, "v", receiver, number, instant_s, None, pose, age_s, reading, frame, True, 0.03, (), pose
-    )
+    values = {"age_s": None if pose is None else 0.1, "reported_pose": pose, "time_s": number / 10 + 2.03}
+    return frame_made(number, *channels, instant_s=number / 10, pose=pose, of=("v", receiver), late_s=0.03, **values)
 
 
 def recorded(folder: Path, *frames: FrameMade, layout: RecordLayout | None = None) -> Path:
@@ -404,7 +396,7 @@ def recorded(folder: Path, *frames: FrameMade, layout: RecordLayout | None = Non
 
 
 def test_each_frame_is_a_row_with_its_moment_its_pose_and_every_slot(tmp_path: Path) -> None:
-    recorded(tmp_path, frame_made(0, EMPTY, EMPTY, pose=None), frame_made(1, HEARD, EMPTY))
+    recorded(tmp_path, late(0, EMPTY, EMPTY, pose=None), late(1, HEARD, EMPTY))
     header, first, second = (tmp_path / "frames.csv").read_text().splitlines()
     assert header == HEADER
     assert first == "2027-01-01T00:00:02.000Z,0.0,0,,,,,,,,0,-1,-1,31.5,,0,-1,-1,31.5"
@@ -416,7 +408,7 @@ def test_each_frame_is_a_row_with_its_moment_its_pose_and_every_slot(tmp_path: P
 
 
 def test_numpy_and_pandas_load_it_as_numbers(tmp_path: Path) -> None:
-    recorded(tmp_path, frame_made(0, EMPTY, EMPTY, pose=None), *(frame_made(n, HEARD, EMPTY) for n in range(1, 20)))
+    recorded(tmp_path, late(0, EMPTY, EMPTY, pose=None), *(late(n, HEARD, EMPTY) for n in range(1, 20)))
     table = np.genfromtxt(tmp_path / "frames.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert table["d1_cm"].tolist() == [-1] + [1046] * 19
     assert np.isnan(table["north_m"][0])
@@ -431,9 +423,7 @@ def test_numpy_and_pandas_load_it_as_numbers(tmp_path: Path) -> None:
 
 def test_several_receivers_have_one_each_with_as_many_slots_as_each_has(tmp_path: Path) -> None:
     layout = RecordLayout((("v", "front"), ("v", "rear"), ("v", "silent")))
-    recorded(
-        tmp_path, frame_made(0, HEARD, receiver="front"), frame_made(0, HEARD, EMPTY, receiver="rear"), layout=layout
-    )
+    recorded(tmp_path, late(0, HEARD, receiver="front"), late(0, HEARD, EMPTY, receiver="rear"), layout=layout)
     front, rear, silent = (
         list(csv.reader((tmp_path / "v" / n / "frames.csv").open())) for n in ("front", "rear", "silent")
     )
@@ -444,7 +434,7 @@ def test_several_receivers_have_one_each_with_as_many_slots_as_each_has(tmp_path
 def test_a_moment_that_no_calendar_has_is_empty_and_the_record_goes_on(tmp_path: Path) -> None:
     """A log may say anything of the time at which it was written."""
     recorder = Recorder(tmp_path, 2**63)
-    recorder.observe(dataclasses.replace(frame_made(0, HEARD)))
+    recorder.observe(dataclasses.replace(late(0, HEARD)))
     recorder.close({})
     (row,) = table(tmp_path / "frames.csv")
     assert (row["utc"], row["d1_cm"]) == ("", "1046")
@@ -453,7 +443,7 @@ def test_a_moment_that_no_calendar_has_is_empty_and_the_record_goes_on(tmp_path:
 @pytest.mark.parametrize("name", ["=1+1", "+drop", "-drop", "@drop"])
 def test_a_text_is_no_formula_and_a_number_below_zero_stays_a_number(tmp_path: Path, name: str) -> None:
     """Faults that another package adds are named by it."""
-    recorded(tmp_path, dataclasses.replace(frame_made(0, EMPTY), faults=(name, "stuck")))
+    recorded(tmp_path, dataclasses.replace(late(0, EMPTY), faults=(name, "stuck")))
     (row,) = table(tmp_path / "readings.csv")
     assert row["faults"] == f"'{name}+stuck"
     assert (row["d_cm"], row["delta_deg"], row["east_m"]) == ("-1", "-1", "-2.0")
@@ -462,7 +452,7 @@ def test_a_text_is_no_formula_and_a_number_below_zero_stays_a_number(tmp_path: P
 
 
 def test_the_table_keeps_its_columns_when_a_command_changes_the_number_of_slots(tmp_path: Path) -> None:
-    recorded(tmp_path, frame_made(0, HEARD, EMPTY), frame_made(1, HEARD), frame_made(2, HEARD, EMPTY, EMPTY))
+    recorded(tmp_path, late(0, HEARD, EMPTY), late(1, HEARD), late(2, HEARD, EMPTY, EMPTY))
     table = list(csv.reader((tmp_path / "frames.csv").open()))
     assert {len(row) for row in table} == {len(HEADER.split(","))}
     assert table[2][-5:] == [""] * 5

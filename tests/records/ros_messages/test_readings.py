@@ -14,11 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.config import DEFAULT, Follows, Lla, Scenario, Transmitter, load
-from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, Event, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
 from arva_hil.model.field import LocalFrame, rotation
-from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
+from arva_hil.model.receiver import ChannelReading, Pose, Zone
 from arva_hil.records.reading import load as load_record
 from arva_hil.records.ros_messages import geometry
 from arva_hil.records.ros_messages.live import LiveMessages
@@ -28,6 +27,7 @@ from arva_hil.records.ros_messages.types import Point, Publication, Quaternion, 
 from firmware_proto import INNER, MID, Channel, Frame
 from tests import made_records
 from tests.files import rows as table
+from tests.made_frames import frame_made
 
 from .oracle import read
 
@@ -38,11 +38,9 @@ NORTHWARDS = Pose(np.array([17.0, 5.0, -2.0]), rotation.to_matrix(rotation.from_
 
 
 def made(pose: Pose | None = NORTHWARDS, *channels: ChannelReading, time_s: float = 1.5, **rest: Any) -> FrameMade:
-    reading = Reading(channels or (ChannelReading(1, Zone.MID, 361, -12, 3.6), EMPTY), False, False)
-    values = {"reported_pose": pose} | rest
-    return FrameMade(
-        time_s, "vehicle", "receiver", 0, 1.0, None, pose, None, reading, frame_of(reading, 0), True, 0.5, **values
-    )
+    channels = channels or (ChannelReading(1, Zone.MID, 361, -12, 3.6), EMPTY)
+    values = {"time_s": time_s, "reported_pose": pose} | rest
+    return frame_made(0, *channels, instant_s=1.0, pose=pose, late_s=0.5, **values)
 
 
 def messages(scenario: Scenario = DEFAULT) -> RunMessages:
@@ -184,27 +182,22 @@ def test_names_that_a_message_cannot_hold_are_escaped() -> None:
     assert told["status"][0]["hardware_id"] == "\\udcff"
 
 
-def named(event: FrameMade, vehicle: str, receiver: str) -> FrameMade:
-    values = {name: getattr(event, name) for name in FrameMade.__dataclass_fields__}
-    return FrameMade(**values | {"vehicle": vehicle, "receiver": receiver})
-
-
 def test_other_events_and_receivers_of_other_runs_have_no_messages() -> None:
     assert messages().of_event(PoseFound(0.0, "vehicle", "receiver")) == []
-    assert messages().of_event(named(made(), "other", "receiver")) == []
+    assert messages().of_event(made(vehicle="other", receiver="receiver")) == []
 
 
 def test_each_of_several_vehicles_has_its_map_and_they_lie_together() -> None:
     made_of = RunMessages(load("configs/two_vehicles.yaml"), EPOCH_US)
     for vehicle, lat in (("alpha", 46.0), ("bravo", 46.001)):
         made_of.of_event(DatumSet(0.0, vehicle, lat, 7.0, 1650.0, ()))
-    told = by_topic(made_of.of_event(named(made(), "bravo", "only")))
+    told = by_topic(made_of.of_event(made(vehicle="bravo", receiver="only")))
     assert told["/bravo/only/arva"]["header"]["frame_id"] == "bravo/only/arva_receiver"
     assert told["/bravo/only/arva/pose"]["header"]["frame_id"] == "bravo/map"
     (map_,) = [t for t in told["/tf"]["transforms"] if t["child_frame_id"] == "bravo/map"]
     assert map_["header"]["frame_id"] == "map"
     assert map_["transform"]["translation"]["y"] == pytest.approx(111.2, abs=0.1)
-    told = by_topic(made_of.of_event(named(made(), "alpha", "front")))
+    told = by_topic(made_of.of_event(made(vehicle="alpha", receiver="front")))
     (map_,) = [t for t in told["/tf"]["transforms"] if t["child_frame_id"] == "alpha/map"]
     assert map_["transform"]["translation"] == pytest.approx({"x": 0, "y": 0, "z": 0}, abs=1e-6)
 
