@@ -15,7 +15,7 @@ _STATE: Final = operator.attrgetter("losses", "renewals", "returns", "strangers"
 
 
 class LinkMonitor:
-    """Remembers the last state of one link that may be lost and come back.
+    """Remembers the last state of one link that may be lost and come back. `away`: the link was lost then.
 
     `lost` is called after a loss with the reason and the time, `renewed` with the time when there is a new far end.
     """
@@ -32,14 +32,14 @@ class LinkMonitor:
         self._lost = lost
         self._renewed = renewed
         self._lost_at = 0.0
-        self._state, self._away = _STATE(link), link.away
+        self._state, self.away = _STATE(link), link.away
 
     def poll(self, now: float) -> list[Event]:
         """Return the events since the last call."""
         if (state := _STATE(self.link)) == self._state:  # still away
             return []
-        before, self._state, was_away, away = self._state, state, self._away, self.link.away
-        self._away, events, about = away, list[Event](), (now, self._name, self.link.name)
+        before, self._state, was_away, away = self._state, state, self.away, self.link.away
+        self.away, events, about = away, list[Event](), (now, self._name, self.link.name)
         lost, renewed, returned, strange = map(operator.gt, state[:4], before[:4])
         why, why_before = state[4], before[4]
         if lost:

@@ -81,6 +81,7 @@ PHASES: Final = {
 
 _STILL: Final = (0.0, 0.0, 0.0)
 EVERY_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
+_VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: position, acceleration, yaw rate
 _LONG_S: Final = 0.8  # PX4's COM_OF_LOSS_T is 1 s
 _OF_LATE_S: Final = 5.0
 
@@ -100,6 +101,12 @@ class SetPoints:
 
     def due(self, now: float) -> bool:
         return now >= self.next_s
+
+    def message(self, vehicle: Vehicle, *, still: bool) -> Any:
+        """Return a set-point: velocity (0 if `still`) and heading. It has an effect in the mode `steer` only."""
+        to = 0, vehicle.system, vehicle.component, dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
+        velocity = _STILL if still else self.velocity
+        return dialect.MAVLink_set_position_target_local_ned_message(*to, *_STILL, *velocity, *_STILL, self.yaw, 0.0)
 
     def left(self, now: float) -> None:
         """Count a set-point as sent."""
@@ -389,8 +396,7 @@ class Commander(FlightState):
             self._set_points.rest()
         elif self._set_points.due(now):
             self._offered.append(self._set_points.left)
-            velocity = self._set_points.velocity if self.phase is Phase.FLYING else _STILL
-            messages.append(self._modes.to_steer(vehicle, velocity, self._set_points.yaw))
+            messages.append(self._set_points.message(vehicle, still=self.phase is not Phase.FLYING))
         if now >= self._times.next_order:
             order, again = self._order(vehicle)
             if order is None:

@@ -175,15 +175,12 @@ class Identity:
 
     def __init__(self, rate: float) -> None:
         self.why: Reason | None = None
+        self.doubtful = False
         self._rate = rate
         self._clock = ClockMap(_WINDOW_S)
         self._last: tuple[float, float] | None = None  # boot time, and host time of its arrival
         self._place: tuple[float, Place, Velocity] | None = None
         self._strange = {"time": 0, "place": 0}  # values in a row that did not fit
-
-    @property
-    def doubtful(self) -> bool:
-        return any(self._strange.values()) or bool(self.why)
 
     def owns(self, message: Any, now: float) -> bool:
         """Return True if a message that navigation handles may be from this vehicle."""
@@ -233,4 +230,5 @@ class Identity:
         self._strange[what] = self._strange[what] + 1 if strange else 0
         if self._strange[what] >= _LASTING:
             self.why = self.why or strange
+        self.doubtful = any(self._strange.values())
         return strange is None

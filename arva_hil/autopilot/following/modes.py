@@ -25,7 +25,6 @@ _SUB: Final = {2: "takeoff", 3: "hold", 4: "mission", 5: "return", 6: "land", 8:
 _MAIN: Final = {1: "manual", 2: "altitude", 3: "position", 5: "acro", 6: "offboard", 7: "stabilized", 8: "rattitude"}
 _AUTO: Final = 4 << 16  # the main mode of all its sub-modes
 _SPARE_M: Final = 2.5
-_VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: position, acceleration, yaw rate
 
 
 @dataclass(frozen=True)
@@ -67,12 +66,6 @@ class Modes:
         here = float("nan") if self.px4 else 0.0  # PX4 takes a number for a place, ArduPilot ignores it
         level = ground_amsl + height + _SPARE_M if self.px4 else height
         return command(vehicle.system, vehicle.component, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
-
-    def to_steer(self, vehicle: Vehicle, velocity: tuple[float, float, float], yaw: float) -> Any:
-        """Return a set-point: velocity [m/s, NED] and heading [rad]. It has an effect only in the mode `steer`."""
-        still = (0.0, 0.0, 0.0)
-        to = 0, vehicle.system, vehicle.component, dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
-        return dialect.MAVLink_set_position_target_local_ned_message(*to, *still, *velocity, *still, yaw, 0.0)
 
 
 _GUIDED: Final = dialect.COPTER_MODE_GUIDED

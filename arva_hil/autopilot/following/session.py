@@ -136,7 +136,7 @@ class Session:
     @property
     def doubtful(self) -> bool:
         """True if the last message may be from another vehicle than the pinned one."""
-        return self._identity is not None and self._identity.doubtful
+        return self._identity is not None and (self._identity.doubtful or self._identity.why is not None)
 
     @property
     def reachable(self) -> bool:
@@ -218,7 +218,8 @@ class Session:
             self.next_due = math.inf
             return b"", self._emitted() if self._events else ()
         self.next_due = now + _POLL_S
-        self.senders.on_read(now)
+        if self.senders.vehicle is not None:
+            self.senders.on_read(now)
         if beats.interrupted:
             return b"", self._emitted()
         out = b""
@@ -226,8 +227,9 @@ class Session:
             due = beats.next_s + _HEARTBEAT_S
             beats.next_s = due if due > now else now + _HEARTBEAT_S
             out += self.encoder.pack(heartbeat())
-        if self.vehicle and not beats.lost:
-            home, to = self.navigation.home is None, (self.vehicle.system, self.vehicle.component)
+        home = self.navigation.home is None
+        if self.vehicle and not beats.lost and (home or now >= self.streams.next_check):
+            to = self.vehicle.system, self.vehicle.component
             out += b"".join(map(self.encoder.pack, self.streams.poll(now, *to, home=home)))
         return out, self._emitted() if self._events else ()
 

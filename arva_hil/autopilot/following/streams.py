@@ -124,7 +124,7 @@ class Streams:
         """Request these optional streams too: message id → Hz."""
         self._extras |= extras
         self._all += [Stream(f"message {msgid}", (msgid,), 0, hz, needed=False) for msgid, hz in extras.items()]
-        self._next_check = 0.0  # of the streams
+        self.next_check = 0.0  # of the streams
         self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
         self.extra_ids = frozenset(stream.ids[0] for stream in self._all if not stream.needed)
 
@@ -139,7 +139,7 @@ class Streams:
     def renew(self, now: float) -> None:
         """Request all streams again, with the commands that worked: the vehicle may have forgotten them."""
         self._since = now
-        self._pending, self._next_check = None, 0.0
+        self._pending, self.next_check = None, 0.0
         self._home = HomeRequests(now)
         for stream in self._all:
             for times in stream.seen.values():
@@ -153,7 +153,7 @@ class Streams:
             stream, _ = self._pending
             stream.asked = StreamRequest("SET_MESSAGE_INTERVAL", stream.want_hz)
             self._pending = None
-        if self._pending or now < self._next_check:
+        if self._pending or now < self.next_check:
             return messages
         for stream in self._all:
             if self._pending:
@@ -166,7 +166,7 @@ class Streams:
             else:
                 stream.tries, stream.next_ask = 0, max(fast_until, now + _LOOK_S)
         if not self._pending:
-            self._next_check = min([stream.next_ask for stream in self._all if not stream.refused])
+            self.next_check = min([stream.next_ask for stream in self._all if not stream.refused])
         return messages
 
     def acknowledged(self, command: int, result: int, now: float) -> None:
@@ -174,7 +174,7 @@ class Streams:
         if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
             return
         stream, _ = self._pending
-        self._pending, self._next_check = None, 0.0
+        self._pending, self.next_check = None, 0.0
         if not stream.needed:
             stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
             return

@@ -146,8 +146,10 @@ class ReceiverLink:
         """Return the new frames until `now` [s]. A repeated frame is not new."""
         if chunk := self._read(now) if self.links else b"":
             self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
-        if not (every := self._decoder.feed(chunk, now)):
-            return every
+        every = self._decoder.feed(chunk, now)
+        if not every or self._monitor.away:
+            for event in self._monitor.poll(now):
+                self._emit(event)
         if frames := [frame for frame in every if self._fresh.new(frame)]:
             self.last, self._last_s = frames[-1], now
         return frames
@@ -181,9 +183,7 @@ class ReceiverLink:
             self.links = []
             self._emit(ReceiverGone(now, str(error)))
             return b""
-        for event in self._monitor.poll(now):
-            self._emit(event)
-        if self.host:
+        if self.host and self.host.waiting:
             self.host.feed(chunk, now)
         return chunk
 

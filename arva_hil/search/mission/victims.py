@@ -52,39 +52,33 @@ class ReceiverHost:
         self._encode = form.command
         self._decoder = form.answers()
         self._write = write
-        self._waiting: deque[Command] = deque()
+        self.waiting: deque[Command] = deque()  # without an answer
         self._answers: list[CommandAnswer] = []
         self._number = self._sent = 0
         self._sent_s = 0.0
 
-    @property
-    def busy(self) -> bool:
-        """True if a command has no answer yet."""
-        return bool(self._waiting)
-
     def ask(self, name: str, *values: int) -> None:
         """Queue a command after the earlier ones."""
         self._number = (self._number + 1) % 256
-        self._waiting.append(Command(self._number, name, values))
+        self.waiting.append(Command(self._number, name, values))
 
     def feed(self, chunk: bytes, now: float) -> None:
-        """Use bytes of the port. Without a pending command they are dropped."""
-        if self._waiting:
-            self._answers += self._decoder.feed(chunk, now)
+        """Use bytes of the port."""
+        self._answers += self._decoder.feed(chunk, now)
 
     def poll(self, time_s: float) -> list[Asked]:
         """Send the command that is due. Returns the finished ones, with answers or without."""
         done: list[Asked] = []
         answers, self._answers = self._answers, []
         for answer in answers:
-            if self._sent and self._waiting and (answer.number, answer.name) == self._waiting[0][:2]:
-                done.append(Asked(self._waiting.popleft(), answer))
+            if self._sent and self.waiting and (answer.number, answer.name) == self.waiting[0][:2]:
+                done.append(Asked(self.waiting.popleft(), answer))
                 self._sent = 0
         if self._sent and time_s - self._sent_s > _ANSWER_S and self._sent >= _MOST_SENT:
-            done.append(Asked(self._waiting.popleft(), None))
+            done.append(Asked(self.waiting.popleft(), None))
             self._sent = 0
-        if self._waiting and (not self._sent or time_s - self._sent_s > _ANSWER_S):
-            self._write(self._encode(self._waiting[0]))
+        if self.waiting and (not self._sent or time_s - self._sent_s > _ANSWER_S):
+            self._write(self._encode(self.waiting[0]))
             self._sent, self._sent_s = self._sent + 1, time_s
         return done
 
@@ -159,7 +153,7 @@ class Marks:
         answered = self._host.poll(time_s) if self._host else ()
         marked = [self._asked for asked in answered if self._is_done(asked, time_s, newest)]
         due = [number for number, at_s in self._due.items() if at_s <= time_s]
-        if self._host is not None and due and not self._host.busy:
+        if self._host is not None and due and not self._host.waiting:
             self._asked = number = max(due)
             self._due[number], self._tried[number] = math.inf, time_s
             self._host.ask(MARK, self._ids[number])
