@@ -46,8 +46,8 @@ def test_the_ways_through_the_house_grow_no_longer() -> None:
 
 def test_no_two_rooms_import_each_other_and_no_modules_do_in_a_circle() -> None:
     imported = house.arrows(house.modules("arva_hil"))
-    assert house.circles(imported) == []
-    assert house.circles(house.arrows(house.modules("firmware_proto"))) == []
+    assert house.circle(imported) == []
+    assert house.circle(house.arrows(house.modules("firmware_proto"))) == []
     assert house.pairs(house.rooms(imported)) == []
 
 

@@ -2,7 +2,7 @@
 
     python -m tools bench house
 
-A circle is a set of modules that import each other, also inside functions and for type checkers only. A way is followed
+Modules in a circle import each other, also inside functions and for type checkers only. A way is followed
 with `sys.setprofile`: the calls of the package's own functions, the files they are in, and how often the next call is
 in another file than the one before. Comprehensions do not count: they are calls before Python 3.12 only. Statements
 are counted with `ast`, without docstrings.
@@ -15,6 +15,7 @@ import functools
 import sys
 from collections import Counter
 from collections.abc import Callable
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final, NamedTuple
@@ -174,24 +175,14 @@ def arrows(of: dict[str, ast.Module]) -> dict[str, set[str]]:
     return {name: (wanted & of.keys()) - {name, "arva_hil"} for name, wanted in found.items()}
 
 
-def circles(of: dict[str, set[str]]) -> list[set[str]]:
-    """Return the sets of modules that import each other in a circle."""
-
-    def reached(start: str) -> set[str]:
-        found, left = set[str](), [start]
-        while left:
-            new = of[left.pop()] - found
-            found |= new
-            left += new
+def circle(of: dict[str, set[str]]) -> list[str]:
+    """Return modules that import each other in a circle, the first one twice; none without a circle."""
+    try:
+        TopologicalSorter(of).prepare()
+    except CycleError as error:
+        found: list[str] = error.args[1]
         return found
-
-    within = {name: reached(name) for name in of}
-    found: list[set[str]] = []
-    for name in of:
-        circle = {other for other in within[name] if name in within[other]}
-        if circle and circle not in found:
-            found.append(circle)
-    return found
+    return []
 
 
 def rooms(of: dict[str, set[str]]) -> dict[str, set[str]]:
@@ -245,7 +236,7 @@ def main() -> None:
     print("a scenario's transmitter → field:", transmitter_to_field())
     imported = arrows(modules("arva_hil"))
     places = rooms(imported)
-    print("circles of files:", len(circles(imported)))
+    print("a circle of files:", " ← ".join(circle(imported)) or "none")
     print("pairs of rooms that import each other:", len(pairs(places)))
     print("places at the top of arva_hil/:", len(places))
     every = classes()

@@ -18,41 +18,48 @@ from functools import partial
 from pathlib import Path
 
 from tools.bench.table import Baseline, Row, conditions, differs, read, show, slower, write
+from tools.options import parser
 
 
-def _rows(group: str, options: argparse.Namespace) -> Iterator[Row]:
-    """Measure a group: a module of this folder, imported when it is wanted."""
-    rows: Iterator[Row] = importlib.import_module(f"tools.bench.{group}").rows(options)
+def _rows(module: str, function: str, options: argparse.Namespace) -> Iterator[Row]:
+    """Measure a group by a function of a module of this folder, imported when it is wanted."""
+    rows: Iterator[Row] = getattr(importlib.import_module(f"tools.bench.{module}"), function)(options)
     return rows
 
 
 _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
-    name: partial(_rows, name) for name in ("model", "streams", "live", "loops", "starts", "fleet")
+    "model": partial(_rows, "model", "rows"),
+    **{name: partial(_rows, "commands", name) for name in ("streams", "live")},
+    "loops": partial(_rows, "loops", "rows"),
+    "starts": partial(_rows, "commands", "starts"),
+    "fleet": partial(_rows, "fleet", "rows"),
 }
 _LEAST_S = 5.0  # shortest live flight, without its start
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(_GROUPS)}; default: all")
-    parser.add_argument("--flight", type=Path, metavar="FLIGHT.tlog", help="a recorded flight at 50 Hz")
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each live flight; default 20")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows here")
-    parser.add_argument("--check", type=Path, metavar="BASELINE", help="name what got slower than there")
-    options = parser.parse_args()
+    made = parser(
+        __doc__,
+        flight=(Path, "a recorded flight at 50 Hz"),
+        seconds=(20.0, "of each live flight"),
+        json=(Path, "write the rows here"),
+        check=(Path, "name what got slower than in this file"),
+    )
+    made.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(_GROUPS)}; default: all")
+    options = made.parse_args()
     groups = options.groups or list(_GROUPS)
     if unknown := [name for name in groups if name not in _GROUPS]:
-        parser.error(f"{unknown[0]}: no such group; there are {', '.join(_GROUPS)}")
+        made.error(f"{unknown[0]}: no such group; there are {', '.join(_GROUPS)}")
     if options.flight is None and "streams" in groups:
-        parser.error("--flight: which recorded flight?")
+        made.error("--flight: which recorded flight?")
     if options.flight is not None and not options.flight.is_file():
-        parser.error(f"--flight: {options.flight}: no such file")
+        made.error(f"--flight: {options.flight}: no such file")
     if "live" in groups and options.seconds < _LEAST_S:
-        parser.error(f"--seconds {options.seconds:g}: {_LEAST_S:g} at least, or live has too few frames to judge")
+        made.error(f"--seconds {options.seconds:g}: {_LEAST_S:g} at least, or live has too few frames to judge")
     try:
         before = read(options.check) if options.check else None
     except ValueError as error:
-        parser.error(str(error))
+        made.error(str(error))
     rows = [row for name in groups for row in _told(_GROUPS[name](options))]
     show(rows)
     if options.json:

@@ -57,12 +57,10 @@ def terminal(lines: list[str], width: int) -> Image.Image:
     return image
 
 
-def picture(lines: list[str], search: Image.Image) -> Image.Image:
-    """Return the terminal above the search's picture."""
-    above = terminal(lines, search.width)
-    whole = Image.new("RGB", (search.width, above.height + search.height), "white")
+def stacked(above: Image.Image, below: Image.Image) -> Image.Image:
+    whole = Image.new("RGB", (above.width, above.height + below.height), "white")
     whole.paste(above, (0, 0))
-    whole.paste(search.convert("RGB"), (0, above.height))
+    whole.paste(below.convert("RGB"), (0, above.height))
     return whole
 
 
@@ -130,10 +128,7 @@ def film(out: Path) -> None:
             now = [text[:88] for at, text in said if at <= time_s][-LINES:]
             small = page.resize((WIDTH_PX, WIDTH_PX * page.height // page.width), Image.Resampling.LANCZOS)
             below = terminal(["$ arva-hil demo", *now, *[""] * (LINES - len(now))], WIDTH_PX)
-            whole = Image.new("RGB", (WIDTH_PX, small.height + below.height))
-            whole.paste(small, (0, 0))
-            whole.paste(below, (0, small.height))
-            pictures.append(whole)
+            pictures.append(stacked(small, below))
     colours = side_by_side([*pictures[::5], pictures[-1]]).quantize(256, Image.Quantize.MAXCOVERAGE)
     first, *rest = [one.quantize(palette=colours, dither=Image.Dither.NONE) for one in pictures]
     shown = [SHOWN_MS] * len(rest) + [LAST_MS]
@@ -148,4 +143,4 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         lines = demo(Path(folder) / "record")
         with Image.open(Path(folder) / "record/search.png") as search:
-            picture(shown(lines), search).save(PICTURES / "demo.png", optimize=True)
+            stacked(terminal(shown(lines), search.width), search).save(PICTURES / "demo.png", optimize=True)

@@ -11,7 +11,6 @@ In all of them the transmitter is at the origin, its dipole points east (the pap
 
 from __future__ import annotations
 
-import argparse
 import io
 import math
 from collections.abc import Callable, Mapping
@@ -31,6 +30,7 @@ from PIL import Image
 from arva_hil.model.field import Transmitters, dipole_field
 from arva_hil.model.field.rotation import from_euler, to_matrix
 from arva_hil.model.receiver import Antennas, Zone, maps
+from tools.options import parser
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -53,29 +53,12 @@ def field(places: ArrayLike) -> Array:
 def flux_lines(apexes: ArrayLike) -> Array:
     """Return flux lines (K, N, 2) that cross the equator `apexes` (K,) metres north of the transmitter, end to end.
 
-    Traced through the model's field, a step being a share of the distance: to 0.3 % of the apex at either end.
+    On a flux line of a dipole the distance is apex · sin² of the angle from the axis.
     """
-    apex = np.asarray(apexes, float)
-    start = np.stack([np.zeros_like(apex), apex], axis=-1)
-    way = np.array([-1.0, 1.0])[:, None, None]  # against the field and with it
-    step, p = 0.02, np.stack([start, start])
-    halves = [p]
-    for _ in range(350):
-        a = _slope(p) * way
-        b = _slope(p + step / 2 * a) * way
-        c = _slope(p + step / 2 * b) * way
-        d = _slope(p + step * c) * way
-        p = p + step / 6 * (a + 2 * b + 2 * c + d)
-        halves.append(p)
-    against, along = np.stack(halves, axis=2)
-    return np.concatenate([against[:, :0:-1], along], axis=1)
-
-
-def _slope(p: Array) -> Array:
-    """Return the field's direction, with the length of the distance to the transmitter."""
-    h = field(p)
-    slope: Array = h / np.linalg.norm(h, axis=-1, keepdims=True) * np.linalg.norm(p, axis=-1, keepdims=True)
-    return slope
+    angle = np.linspace(0.05, np.pi - 0.05, 701)
+    unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    lines: Array = np.asarray(apexes, float)[:, None, None] * np.sin(angle)[:, None] ** 2 * unit
+    return lines
 
 
 def iso_power_line(d: float, count: int = 361) -> Array:
@@ -322,9 +305,7 @@ def main() -> None:
 
 def draw_all(figures: Mapping[str, Callable[[Figure], None]], said: str | None) -> None:
     """The command that draws these figures; `said`: its help."""
-    parser = argparse.ArgumentParser(description=said, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent, help="default: tools/figures")
-    folder: Path = parser.parse_args().out
+    folder: Path = parser(said, out=(Path(__file__).parent, "folder")).parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in figures.items():
         path = folder / f"{name}.png"

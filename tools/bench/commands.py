@@ -1,0 +1,142 @@
+"""Commands beside others: live and over recorded streams beside pymavlink's reader, starts beside `import numpy`.
+
+A recorded stream becomes a pose track, or is replayed. Times are the least of several.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from arva_hil.autopilot.following.session import Session
+from arva_hil.links.tlog import TlogReader
+from tools.bench.stream import playing
+from tools.bench.table import Row, ratio
+from tools.bench.timing import once
+
+COMMAND: Final = [sys.executable, "-m", "arva_hil"]
+_TURNS: Final = 4  # ours and the peer's in turn, so that both have the same load of the machine
+_WARM_S: Final = 3.0  # the time of a start is another row
+
+_READ = """
+import sys
+from pymavlink import mavutil
+link = mavutil.mavlink_connection(sys.argv[1])
+while True:
+    link.recv_match(blocking=True, timeout=0.5)
+"""
+
+
+def live(options: argparse.Namespace) -> Iterator[Row]:
+    ours, peer = list[float](), list[float]()
+    for _ in range(_TURNS):
+        ours.append(_cpu_of_process([*COMMAND, "run", "--port", "-", "--rate", "10", "--autopilot"], options.seconds))
+        peer.append(_cpu_of_process([sys.executable, "-c", _READ], options.seconds))
+    work = "live, 50 Hz pose in, 10 Hz frames out: its CPU"
+    yield ratio(work, "pymavlink, only reading", min(ours), min(peer), "s", 1.3)
+
+
+def _cpu_of_process(command: list[str], seconds: float) -> float:
+    """Return the CPU time [s] of a process that follows the flight, without its start."""
+    with playing(_WARM_S + seconds + 5) as device:
+        process = subprocess.Popen([*command, device], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        clock = ~process.pid << 3 | 2  # clock_getcpuclockid of Linux
+        time.sleep(_WARM_S)
+        before = time.clock_gettime(clock)
+        time.sleep(seconds)
+        taken = time.clock_gettime(clock) - before
+        process.kill()
+        process.wait()
+    return taken
+
+
+_NUMPY = [sys.executable, "-c", "import numpy"]
+_COMMANDS = ("run", "replay", "search", "campaign")
+
+
+def starts(_: argparse.Namespace) -> Iterator[Row]:
+    numpy = cpu_of_command(_NUMPY)
+    for name in _COMMANDS:
+        ours = cpu_of_command([*COMMAND, name, "--help"])
+        yield ratio(f"arva-hil {name} --help", "import numpy", ours, numpy, "s", 1.0)
+    first = min(_first_frame() for _ in range(5))
+    numpy = min(wall_of_command(_NUMPY) for _ in range(5))
+    yield ratio("arva-hil run to its first frame", "import numpy", first, numpy, "s", 3.0)
+
+
+def _first_frame() -> float:
+    """Return the wall time of the command until its first frame [s], with the stream already flowing."""
+    with playing(20.0) as device:
+        start = time.perf_counter()
+        command = [*COMMAND, "run", "--autopilot", device, "--port", "-", "--rate", "50"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0) as child:
+            assert child.stdout is not None
+            child.stdout.read(1)
+            taken = time.perf_counter() - start
+            child.terminate()
+    return taken
+
+
+_MAVUTIL = """
+import sys, time
+from pymavlink import mavutil
+log = mavutil.mavlink_connection(sys.argv[1])
+start = time.process_time()
+while log.recv_match() is not None:
+    pass
+print(time.process_time() - start)
+"""
+
+
+def streams(options: argparse.Namespace) -> Iterator[Row]:
+    flight = options.flight
+    records = [record.raw for record in TlogReader(flight)]
+
+    def track() -> float:
+        session, start = Session(passive=True), time.process_time()
+        for n, raw in enumerate(records):
+            session.feed(raw, n * 1e-3, whole=True)
+        return time.process_time() - start
+
+    peer = min(figure_of("-c", _MAVUTIL, str(flight)) for _ in range(3))
+    yield ratio(
+        "MAVLink in: a recorded PX4 stream → pose track",
+        "mavutil recv_match",
+        min(track() for _ in range(3)),
+        peer,
+        "s",
+        0.25,
+    )
+    replay = cpu_of_command([*COMMAND, "replay", str(flight), "--out", "/dev/null"])
+    reading = cpu_of_command([sys.executable, "-c", _MAVUTIL, str(flight)], 3)
+    yield ratio(
+        "whole replay of a recorded flight, start-up included", "mavutil, only reading it", replay, reading, "s", 0.6
+    )
+
+
+def cpu_of_command(command: Sequence[str], times: int = 5) -> float:
+    """Return the CPU seconds of a command, with its start-up. Raises CalledProcessError if it fails."""
+    return min(_once_command(command) for _ in range(times))
+
+
+def _once_command(command: Sequence[str]) -> float:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def wall_of_command(command: Sequence[str]) -> float:
+    """Return the wall time [s] of one run of a command. Raises CalledProcessError if it fails."""
+    return once(lambda: subprocess.run(command, check=True, capture_output=True), time.perf_counter)
+
+
+def figure_of(*arguments: str) -> float:
+    """Return the number in the last line of a Python program's output. Raises CalledProcessError if it fails."""
+    done = subprocess.run([sys.executable, *arguments], check=True, capture_output=True, text=True)
+    return float(done.stdout.splitlines()[-1])
