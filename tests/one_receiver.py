@@ -17,6 +17,7 @@ from arva_hil.events.words.reasons import no_vehicle
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
 from arva_hil.links import Link, memory
+from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
@@ -138,3 +139,15 @@ class Flown:
 
     def go_on(self, seconds: float) -> None:
         self.run(self.clock.now() + seconds)
+
+    def fly(self, north: float, east: float = 0.0) -> None:
+        """Arm, take off to 3 m, then keep a velocity [m/s]."""
+        say = Encoder(255, 190)
+        for asked in ((176, 1, 4), (400, 1), (22, 0, 0, 0, 0, 0, 0, 3.0)):
+            self.vehicle.feed(say.pack(command(1, 1, *asked)), self.clock.now())
+        self.go_on(6.0)
+        still, keeps = (0.0, 0.0, 0.0), 0b110111000111
+        move = dialect.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, keeps, *still, north, east, 0, *still, 0, 0
+        )
+        self.vehicle.feed(say.pack(move), self.clock.now())

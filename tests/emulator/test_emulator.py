@@ -22,7 +22,6 @@ from arva_hil.emulator.receivers import Schedule
 from arva_hil.emulator.setup import one_vehicle
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
-from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import LocalFrame, Transmitters
 from arva_hil.model.receiver import Antennas
 from arva_hil.registry import FORMATS
@@ -41,29 +40,10 @@ def quiet(rate_hz: float = 1.0) -> Scenario:
 
 
 class Bench(Flown):
-    """The same, with frames decoded, and a flight."""
+    """The same, with frames decoded."""
 
     def frames(self) -> list[Frame]:
         return Decoder().feed(self.consumer.read(), self.clock.now())
-
-    def fly(self, north: float, east: float) -> None:
-        """Arm, take off, then keep a velocity [m/s]."""
-        say = Encoder(255, 190)
-        for now in np.arange(self.clock.now(), self.clock.now() + 6, 0.5):
-            if now == self.clock.now():
-                self.far_say(say, dialect.MAV_CMD_DO_SET_MODE, 1, 4)
-            self.far_say(say, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-            self.far_say(say, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 3.0)
-            self.run(now + 0.5)
-        move = dialect.MAVLink_set_position_target_local_ned_message(
-            0, 1, 1, 1, 0b110111000111, 0, 0, 0, north, east, 0, 0, 0, 0, 0, 0
-        )
-        self.vehicle.feed(say.pack(move), self.clock.now())
-
-    def far_say(self, say: Encoder, command: int, *params: float) -> None:
-        padded = [*params, *[0.0] * (7 - len(params))]
-        message = dialect.MAVLink_command_long_message(1, 1, command, 0, *padded)
-        self.vehicle.feed(say.pack(message), self.clock.now())
 
 
 # -- the reading is that of the true pose at the frame's instant ------------------------------------------------

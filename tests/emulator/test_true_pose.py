@@ -28,7 +28,7 @@ from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.true_state import PoseError, SimulatorTruth
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
 from arva_hil.events.reasons import NoPose
-from arva_hil.mavlink.codec import Encoder, command, dialect
+from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.writing import Recorder
 from arva_hil.registry import STRATEGIES
@@ -49,21 +49,6 @@ class Bench(Flown):
     def __init__(self, scenario: Scenario, seconds: float = 20.0, *, gps_noise_m: float = 3.0) -> None:
         super().__init__(scenario, SimulatedVehicle(HOME, gps_noise_m=gps_noise_m, seed=5))
         self.run(seconds)
-
-    def say(self, message: object) -> None:
-        self.vehicle.feed(Encoder(255, 190).pack(message), self.clock.now())
-
-    def fly_north(self, speed: float) -> None:
-        """Arm, take off, keep a velocity [m/s]."""
-        for number, *params in ((176, 1, 4), (400, 1), (22, 0, 0, 0, 0, 0, 0, 3.0)):
-            self.say(command(1, 1, number, *params))
-        self.go_on(6.0)
-        self.say(
-            dialect.MAVLink_set_position_target_local_ned_message(
-                0, 1, 1, 1, 0b110111000111, 0, 0, 0, speed, 0, 0, 0, 0, 0, 0, 0
-            )
-        )
-        self.go_on(2.9)
 
     @property
     def posed(self) -> list[FrameMade]:
@@ -197,7 +182,8 @@ def test_after_a_reboot_the_truth_is_told_anew() -> None:
 
 def test_in_flight_the_truth_is_that_of_the_frame_s_instant() -> None:
     bench = Bench(TRUTH, 5.0)
-    bench.fly_north(6.0)
+    bench.fly(6.0)
+    bench.go_on(2.9)
     last = bench.posed[-1]
     assert last.pose
     assert last.pose.position == pytest.approx(bench.vehicle.truth(last.instant_s).ned, abs=0.05)
@@ -228,7 +214,8 @@ def test_a_heading_error_turns_the_receiver_clockwise() -> None:
 def test_what_is_reported_late_is_where_the_vehicle_was() -> None:
     """Flying north at 2 m/s, half a second of latency is a metre."""
     bench = Bench(replace(QUIET, navigation_error=NavigationError(latency_s=0.5)), 5.0, gps_noise_m=0.0)
-    bench.fly_north(2.0)
+    bench.fly(2.0)
+    bench.go_on(2.9)
     assert offsets(bench.posed)[-1] == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
     age_s = bench.posed[-1].age_s
     assert age_s is not None

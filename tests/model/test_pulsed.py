@@ -316,6 +316,21 @@ def test_a_dead_antenna_leaves_one_direction_and_saturation_a_shortest_distance(
     assert clipped.d_cm == pytest.approx(100 * (6283185.3 * 1.542 / (4 * np.pi * 1e6)) ** (1 / 3), abs=1)
 
 
+@pytest.mark.parametrize("far_off", [0, 30])  # more transmitters are calculated in arrays
+def test_the_gains_of_the_antennas_of_a_fault_and_of_the_carrier_are_multiplied(far_off: int) -> None:
+    places, keyings = [[2.0, 1.0, 1.5], *[[9000.0, 0.0, 0.0]] * far_off], [STEADY] * (1 + far_off)
+
+    def signal(impairment: Impairment | None, **options: object) -> list[float]:
+        receiver = Hovering(transmitters(*places, keyings=keyings), model="vector", **options)
+        receiver.impairment = impairment
+        pulse = receiver.read(4.0).channels[0].pulse
+        assert pulse
+        return list(pulse.signal_na_m)
+
+    weak = signal(Impairment(gains=(0.9, 0.7, 0.3)), gains=(0.8, 0.6, 0.4), carrier_db=((0.0, -20.0),))
+    assert weak == pytest.approx(np.array(signal(None)) * (0.072, 0.042, 0.012))
+
+
 def test_distances_come_in_the_steps_of_two_digits() -> None:
     for at, expected in [(20.0, 1800), (12.0, 1100), (10.0, 920), (5.0, 460), (1.0, 90), (0.0101, 0)]:
         assert Hovering(transmitters([at, 0, 0], keyings=[STEADY])).read(6.0).channels[0].d_cm == expected

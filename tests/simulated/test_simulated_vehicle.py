@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
+from arva_hil.mavlink.codec import command as order
 from arva_hil.simulated.position import Home, PositionError
 from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
 from tests.every import every
@@ -71,9 +73,7 @@ class Client:
 
     def command(self, command: int, *params: float, target: tuple[int, int] = (1, 1)) -> int | None:
         """The result in the acknowledgement."""
-        filled = [*params, *[0.0] * (7 - len(params))]
-        replies = self.send(dialect.MAVLink_command_long_message(*target, command, 0, *filled))
-        acks = of("COMMAND_ACK", replies)
+        acks = of("COMMAND_ACK", self.send(order(*target, command, *params)))
         assert len(acks) <= 1
         if not acks:
             return None
@@ -103,9 +103,14 @@ class Client:
             north, east, down = velocity
             self.steer((north, east, down), frame=frame, then_s=1.0)
 
-    def take_off(self, height: float = 3.0) -> Client:
+    def launched(self) -> Client:
+        """In GUIDED, armed."""
         assert self.command(SET_MODE, 1, GUIDED) == ACCEPTED
         assert self.command(ARM, 1) == ACCEPTED
+        return self
+
+    def take_off(self, height: float = 3.0) -> Client:
+        self.launched()
         assert self.command(TAKEOFF, 0, 0, 0, 0, 0, 0, height) == ACCEPTED
         self.run(4 + height)
         return self
@@ -170,11 +175,8 @@ def test_all_is_told_in_the_order_of_time() -> None:
 def test_a_denied_rate_leaves_the_old_one() -> None:
     client = Client()
     assert client.command(SET_INTERVAL, 30, 100_000) == ACCEPTED
-    assert client.command(SET_INTERVAL, 30, 2_500) == DENIED
-    assert client.command(SET_INTERVAL, 30, -7) == DENIED
-    assert client.command(SET_INTERVAL, 30, math.inf) == DENIED
-    assert client.command(SET_INTERVAL, 9999, 100_000) == DENIED
-    assert client.command(SET_INTERVAL, math.nan, 100_000) == DENIED
+    for denied in ((30, 2_500), (30, -7), (30, math.inf), (9999, 100_000), (math.nan, 100_000)):
+        assert client.command(SET_INTERVAL, *denied) == DENIED
     assert names(client.run(10.0))["ATTITUDE"] == 100
 
 
@@ -215,8 +217,7 @@ def test_message_interval_is_told() -> None:
     client = Client()
     client.command(SET_INTERVAL, 30, 50_000)
     for msgid, interval in ((30, 50_000), (33, -1), (0, 1_000_000)):
-        ask = dialect.MAVLink_command_long_message(1, 1, GET_INTERVAL, 0, msgid, 0, 0, 0, 0, 0, 0)
-        ack, answer = client.send(ask)
+        ack, answer = client.send(order(1, 1, GET_INTERVAL, msgid))
         assert ack.result == ACCEPTED
         assert (answer.message_id, answer.interval_us) == (msgid, interval)
     assert client.command(GET_INTERVAL, 9999) == FAILED
@@ -249,8 +250,7 @@ def test_data_streams(group: int, kinds: set[str]) -> None:
 def test_a_message_on_request(msgid: int) -> None:
     client = Client()
     client.run(0.5)
-    ask = dialect.MAVLink_command_long_message(1, 1, REQUEST, 0, msgid, 0, 0, 0, 0, 0, 0)
-    ack, answer = client.send(ask)
+    ack, answer = client.send(order(1, 1, REQUEST, msgid))
     assert (ack.command, ack.result, ack.target_system, ack.target_component) == (REQUEST, ACCEPTED, 255, 190)
     assert answer.get_msgId() == msgid
     assert client.command(REQUEST, 9999) == FAILED
@@ -330,20 +330,22 @@ def test_two_vehicles_do_not_touch_each_other() -> None:
 
 def test_acks_on_the_ground() -> None:
     client = Client()
-    assert client.command(TAKEOFF, 0, 0, 0, 0, 0, 0, 3) == FAILED  # not GUIDED
-    assert client.command(SET_MODE, 1, 77) == FAILED
-    assert client.command(SET_MODE, 0, GUIDED) == DENIED
-    assert client.command(SET_MODE, 1, GUIDED) == ACCEPTED
-    assert client.command(TAKEOFF, 0, 0, 0, 0, 0, 0, 3) == FAILED  # not armed
-    assert client.command(ARM, 5) == DENIED
-    assert client.command(ARM, math.nan) == DENIED
-    assert client.command(ARM, 1) == ACCEPTED
-    assert client.command(ARM, 1) == ACCEPTED
-    for height in (0, -3, math.nan, math.inf):
-        assert client.command(TAKEOFF, 0, 0, 0, 0, 0, 0, height) == FAILED
-    assert client.command(ARM, 0) == ACCEPTED
-    for command in (178, 16, 20, 42, 65535):
-        assert client.command(command) == UNSUPPORTED
+    to_three = TAKEOFF, 0, 0, 0, 0, 0, 0, 3
+    for wanted, *asked in (
+        (FAILED, *to_three),  # not GUIDED
+        (FAILED, SET_MODE, 1, 77),
+        (DENIED, SET_MODE, 0, GUIDED),
+        (ACCEPTED, SET_MODE, 1, GUIDED),
+        (FAILED, *to_three),  # not armed
+        (DENIED, ARM, 5),
+        (DENIED, ARM, math.nan),
+        (ACCEPTED, ARM, 1),
+        (ACCEPTED, ARM, 1),
+        *((FAILED, *to_three[:-1], height) for height in (0, -3, math.nan, math.inf)),
+        (ACCEPTED, ARM, 0),
+        *((UNSUPPORTED, command) for command in (178, 16, 20, 42, 65535)),
+    ):
+        assert client.command(*asked) == wanted, asked
 
 
 @pytest.mark.parametrize("mode", [LAND, RTL])
@@ -362,13 +364,11 @@ def test_set_mode_message() -> None:
 
 
 def test_command_int() -> None:
-    client = Client()
-    client.command(SET_MODE, 1, GUIDED)
-    client.command(ARM, 1)
+    client = Client().launched()
 
     def take_off(frame: int) -> int:
-        order = dialect.MAVLink_command_int_message(1, 1, frame, TAKEOFF, 0, 0, 0, 0, 0, 0, 0, 0, 4.0)
-        return int(of("COMMAND_ACK", client.send(order))[0].result)
+        asked = dialect.MAVLink_command_int_message(1, 1, frame, TAKEOFF, 0, 0, 0, 0, 0, 0, 0, 0, 4.0)
+        return int(of("COMMAND_ACK", client.send(asked))[0].result)
 
     assert take_off(0) == DENIED  # altitudes above mean sea level
     assert take_off(3) == ACCEPTED
@@ -378,7 +378,7 @@ def test_command_int() -> None:
 
 def test_arming_is_told() -> None:
     client = Client()
-    said = client.send(dialect.MAVLink_command_long_message(1, 1, ARM, 0, 1, 0, 0, 0, 0, 0, 0))
+    said = client.send(order(1, 1, ARM, 1))
     assert [m.get_type() for m in said[-3:]] == ["COMMAND_ACK", "STATUSTEXT", "HOME_POSITION"]
     home = of("HOME_POSITION", said)[0]
     assert (home.latitude, home.longitude, home.altitude) == (465_000_000, 113_500_000, 1_800_000)
@@ -503,9 +503,7 @@ def test_a_set_point_lasts_three_seconds() -> None:
 
 
 def test_velocity_set_points_do_not_take_off() -> None:
-    client = Client()
-    client.command(SET_MODE, 1, GUIDED)
-    client.command(ARM, 1)
+    client = Client().launched()
     client.keep_steering(5, 1.0, 0.0, -1.0)
     assert client.truth().ned == (0, 0, 0)
     client.command(TAKEOFF, 0, 0, 0, 0, 0, 0, 3.0)
@@ -591,9 +589,7 @@ def test_landed_states() -> None:
         return int(of("EXTENDED_SYS_STATE", client.run(0.2))[-1].landed_state)
 
     assert state() == 1
-    client.command(SET_MODE, 1, GUIDED)
-    client.command(ARM, 1)
-    client.command(TAKEOFF, 0, 0, 0, 0, 0, 0, 3.0)
+    client.launched().command(TAKEOFF, 0, 0, 0, 0, 0, 0, 3.0)
     client.run(1)
     assert state() == 3
     client.run(10)
@@ -715,34 +711,20 @@ def test_the_motion_is_one_motion(flight: list[Any], wind: Vector, end: int) -> 
             assert math.hypot(*truth.velocity[:2]) < 10.6
             push = [a[k] + 0.2 * (truth.velocity[k] - wind[k]) - (0, 0, 9.80665)[k] for k in range(3)]
             length = math.hypot(*push)
-            for have, want in zip(down_axis(truth.quaternion), push, strict=True):
+            for have, want in zip(turned(truth.quaternion).as_matrix()[:, 2], push, strict=True):
                 assert have == pytest.approx(-want / length, abs=0.02)
     if end == FALL:
         assert vehicle.truth(start + 7.9).ned[2] > -0.01
 
 
-def turn_rate(a: Quaternion, b: Quaternion, seconds: float) -> Vector:
-    """Body rates of the turn from a to b: twice the vector part of a⁻¹b over time, exact for small turns."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    w = aw * bw + ax * bx + ay * by + az * bz
-    v = (
-        aw * bx - ax * bw - ay * bz + az * by,
-        aw * by + ax * bz - ay * bw - az * bx,
-        aw * bz - ax * by + ay * bx - az * bw,
-    )
-    sin = math.hypot(*v)
-    k = 2 * math.atan2(sin, w) / (sin * seconds) if sin > 1e-12 else 0.0
-    return v[0] * k, v[1] * k, v[2] * k
-
-
-def down_axis(q: Quaternion) -> Vector:
+def turned(q: Quaternion) -> Rotation:
     w, x, y, z = q
-    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    return Rotation.from_quat([x, y, z, w])
 
 
-def long(number: int, *params: float) -> Any:
-    return dialect.MAVLink_command_long_message(1, 1, number, 0, *params, *[0.0] * (7 - len(params)))
+def turn_rate(a: Quaternion, b: Quaternion, seconds: float) -> np.ndarray:
+    """Body rates of the turn from a to b."""
+    return (turned(a).inv() * turned(b)).as_rotvec() / seconds
 
 
 def said_when(script: list[tuple[Any, float]], pace: list[float]) -> bytes:
@@ -761,7 +743,8 @@ def said_when(script: list[tuple[Any, float]], pace: list[float]) -> bytes:
 @settings(max_examples=12, deadline=None)
 @given(st.lists(set_points, min_size=1, max_size=3), st.lists(st.floats(0.001, 3.0), min_size=1, max_size=9))
 def test_how_often_it_is_polled_changes_nothing(flight: list[Any], steps: list[float]) -> None:
-    script = [(long(SET_MODE, 1, GUIDED), 2.0), (long(ARM, 1), 0.0), (long(TAKEOFF, 0, 0, 0, 0, 0, 0, 2.0), 4.0)]
+    launch = ((SET_MODE, 1, GUIDED), 2.0), ((ARM, 1), 0.0), ((TAKEOFF, 0, 0, 0, 0, 0, 0, 2.0), 4.0)
+    script = [(order(1, 1, *asked), seconds) for asked, seconds in launch]
     for frame, mask, position, velocity, yaw, yaw_rate, seconds in flight:
         rest = (0, 1, 1, frame, mask, *position, *velocity, 0, 0, 0, yaw, yaw_rate)
         script.append((dialect.MAVLink_set_position_target_local_ned_message(*rest), seconds))
@@ -770,7 +753,8 @@ def test_how_often_it_is_polled_changes_nothing(flight: list[Any], steps: list[f
     assert len(said) > 1000
 
 
-TAKES_OFF = b"".join(map(Encoder(255, 190).pack, [long(SET_MODE, 1, GUIDED), long(ARM, 1), long(TAKEOFF, *[0] * 6, 3)]))
+ORDERS = [order(1, 1, *asked) for asked in ((SET_MODE, 1, GUIDED), (ARM, 1), (TAKEOFF, *[0] * 6, 3))]
+TAKES_OFF = b"".join(map(Encoder(255, 190).pack, ORDERS))
 
 
 @settings(max_examples=15, deadline=None)
@@ -798,9 +782,7 @@ def test_garbage_is_dropped(chunks: list[bytes]) -> None:
     st.lists(st.floats(width=32), min_size=7, max_size=7),
 )
 def test_any_parameters_are_answered(command: int, params: list[float]) -> None:
-    client = Client()
-    client.command(SET_MODE, 1, GUIDED)
-    client.command(ARM, 1)
+    client = Client().launched()
     assert client.command(command, *params) in (ACCEPTED, DENIED, FAILED)
     client.run(2.0)
     assert all(math.isfinite(x) for group in client.truth() for x in group)
