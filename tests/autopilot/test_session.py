@@ -80,11 +80,18 @@ def tell(session: KeepingSession, message: Any, now: float, source: tuple[int, i
     session.feed(Encoder(*source, version).pack(message), now)
 
 
+def hearing(now: float, *messages: Any, source: tuple[int, int] = (1, 1), **options: Any) -> KeepingSession:
+    """A session that was told these messages."""
+    session = KeepingSession(**options)
+    for message in messages:
+        tell(session, message, now, source)
+    return session
+
+
 def following(now: float = 100.0, source: tuple[int, int] = (1, 1), **options: Any) -> KeepingSession:
     """A session that has a vehicle and all that it can know of it; boot time is 90 s behind."""
-    session = KeepingSession(**options)
-    for message in (heartbeat(), position(now - 90), attitude(now - 90), home()):
-        tell(session, message, now, source)
+    known = heartbeat(), position(now - 90), attitude(now - 90), home()
+    session = hearing(now, *known, source=source, **options)
     assert session.vehicle is not None
     session.take_events()
     return session
@@ -284,9 +291,7 @@ def test_values_that_are_no_pose_are_refused_and_counted(message: Any) -> None:
 
 
 def test_zero_latitude_and_longitude_are_no_position() -> None:
-    session = KeepingSession()
-    for message in (heartbeat(), attitude(10.0), position(10.0, 0.0, 0.0, 0.0)):
-        tell(session, message, 100.0)
+    session = hearing(100.0, heartbeat(), attitude(10.0), position(10.0, 0.0, 0.0, 0.0))
     assert not session.navigation.track.positions
     assert session.navigation.state_at(100.0, FRAME) is None
     assert (session.navigation.unpositioned, session.navigation.refused) == (1, 0)
@@ -294,9 +299,7 @@ def test_zero_latitude_and_longitude_are_no_position() -> None:
 
 @pytest.mark.parametrize(("lat", "lon"), [(0.0, 11.0), (46.0, 0.0), (90.0, 180.0), (-90.0, -180.0)])
 def test_a_place_on_the_equator_or_the_edge_is_a_position(lat: float, lon: float) -> None:
-    session = KeepingSession()
-    tell(session, heartbeat(), 100.0)
-    tell(session, position(10.0, lat, lon), 100.0)
+    session = hearing(100.0, heartbeat(), position(10.0, lat, lon))
     assert session.navigation.track.positions
     assert session.navigation.refused == session.navigation.unpositioned == 0
 
@@ -590,8 +593,7 @@ def test_what_was_heard_when_it_was_a_ground_station() -> None:
 
 
 def test_what_was_heard_when_it_was_another_vehicle() -> None:
-    session = KeepingSession(target_system=5)
-    tell(session, heartbeat(), 0.0, (1, 1))
+    session = hearing(0.0, heartbeat(), target_system=5)
     assert session.why_no_vehicle().sources == (("heartbeats of quadrotor", 1, 1, 1),)
 
 
@@ -631,17 +633,13 @@ def test_nothing_is_asked_of_a_lost_vehicle() -> None:
     ],
 )
 def test_why_there_is_no_pose(said: list[Any], why: str, missing: list[str]) -> None:
-    session = KeepingSession()
-    for message in said:
-        tell(session, message, 1.0)
-    lacking = session.why_no_pose()
+    lacking = hearing(1.0, *said).why_no_pose()
     assert (lacking.reason, [stream.name for stream in lacking.streams]) == (why, missing)
 
 
 def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
     """One every 3 s, with a boot time of 0 as well."""
-    session = KeepingSession(passive=True)
-    tell(session, heartbeat(), 100.0)
+    session = hearing(100.0, heartbeat(), passive=True)
     for i in range(60):
         tell(session, attitude(50.0 + i / 10), 100.0 + i / 10)
         if i % 30 == 10:
@@ -656,13 +654,10 @@ def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
 )
 def test_a_position_that_is_promised_and_does_not_come_waits_for_a_fix(result: int, waits: bool) -> None:
     """As PX4 does; what is refused waits for something else."""
-    session = KeepingSession()
-    for message in (heartbeat(), attitude(1.0)):
-        tell(session, message, 100.0)
+    session = hearing(100.0, heartbeat(), attitude(1.0))
     for n in range(30):
         session.poll(100.0 + n / 10)
-        ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, result)
-        tell(session, ack, 100.05 + n / 10)
+        tell(session, ack(SET_INTERVAL, result), 100.05 + n / 10)
     (stream,) = session.why_no_pose().streams
     asked = stream.name, stream.command, stream.asked_hz, stream.result
     result_name = dialect.enums["MAV_RESULT"][result].name
@@ -671,9 +666,7 @@ def test_a_position_that_is_promised_and_does_not_come_waits_for_a_fix(result: i
 
 
 def test_of_a_log_it_does_not_say_that_something_was_not_asked_for() -> None:
-    session = KeepingSession(passive=True)
-    for message in (heartbeat(), attitude(1.0)):
-        tell(session, message, 100.0)
+    session = hearing(100.0, heartbeat(), attitude(1.0), passive=True)
     (stream,) = session.why_no_pose().streams
     assert (stream.name, stream.command, stream.recorded) == ("GLOBAL_POSITION_INT", "", True)
 
