@@ -23,9 +23,9 @@ from arva_hil.clock import RealClock, StepClock
 from arva_hil.events import Event
 from arva_hil.events.searches import SearchBegun, SearchEnded, SearchHeldUp, StrategySlow
 from arva_hil.events.words.reasons import in_words
+from arva_hil.search.mission.choice import Guidance
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Inline, Order
-from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Velocity
 from arva_hil.search.strategies.strategy_process import StrategyProcess

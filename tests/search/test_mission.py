@@ -187,7 +187,7 @@ def test_a_transmitter_that_moves_is_passed_by_and_looked_at_once_more_at_the_en
         assert now < 300
     assert moved == [1, 1]
     assert m.found is None
-    assert m.victims.moving == {1: strategy.track}  # type: ignore[attr-defined]
+    assert m.victims.aside.moving == {1: strategy.track}  # type: ignore[attr-defined]
     assert not m.others
 
 
@@ -587,7 +587,7 @@ def test_what_stays_too_low_ends(strategy: type[Scripted]) -> None:
 
 
 def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Scripted]) -> None:
-    m = Mission(SearchPlan(strategy, height=3.0), 100.0, (0.0, 0.0, -3.0), land=True)
+    m = Mission(SearchPlan(strategy, height=3.0), 100.0, (0.0, 0.0, -3.0))
     strategy.finds = Found(3.0, 4.0)
     m.on_frame(frame(beacon(1, 3)), 101.0, (3.0, 4.0, -3.0), LEVEL)
     position, now = np.array([3.0, 4.4, -3.0]), 101.0
@@ -602,7 +602,7 @@ def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Script
 
 
 def test_what_does_not_land_is_over_at_once(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+    m = mission(strategy, land=False)
     strategy.finds = Found(3.0, 4.0)
     heard(m, beacon(1, 1), at_s=101.0)
     assert m.over

@@ -30,12 +30,11 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.flight.client import COMPONENT, SearchClient
 from arva_hil.search.mission import ground
-from arva_hil.search.mission.choice import Choice
+from arva_hil.search.mission.choice import Choice, Guidance
 from arva_hil.search.mission.ground import Descent, Height
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import Outcome
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline
-from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found, Observation, towards
 from arva_hil.search.team.spacing import Near, kept_apart
@@ -323,7 +322,7 @@ def test_one_that_flies_to_a_transmitter_for_long_goes_to_another_one_and_leaves
 def test_a_search_that_finds_nothing_does_not_land_on_another_vehicle() -> None:
     mate = alone(1)
     plan = mate.plan(SearchPlan(STRATEGIES["flux"], limit_s=1.0), FRAME)
-    mission = Mission(plan, 0.0, (0.0, 0.0, -6.0), land=True, team=mate)
+    mission = Mission(plan, 0.0, (0.0, 0.0, -6.0), team=mate)
     place, now = (0.0, 0.0, -6.0), 0.0
     mate.on_news(News(2, 0.0, at(1, 0, 0), False))
     while not mission.over:
@@ -783,7 +782,7 @@ def test_between_those_that_are_lost_it_lands_where_it_is_rather_than_to_hover_f
     mate, place = one(9.0), (0.0, 0.0, -3.0)
     for number, north, east in ((0, 7, 0), (2, 0, 7), (3, -7, 0), (4, 0, -7)):
         mate.on_news(News(number, 0.0, at(north, east, 3), True))
-    mission = Mission(SearchPlan(STRATEGIES["flux"], limit_s=1.0), 9.0, place, land=True, team=mate)
+    mission = Mission(SearchPlan(STRATEGIES["flux"], limit_s=1.0), 9.0, place, team=mate)
     mission._reached = AnalysisResult(found=Found(5.0, 0.0), sure=True)
     now = 9.0
     while not mission.over and now < 120.0:

@@ -75,7 +75,7 @@ class Rescue:
         self.events: list[Event] = []
         self.now = 100.0
         host = receiver.host if receiver else None
-        settings = SearchPlan(self.strategy, **({"height": 1.0, "victims": wanted} | plan))
+        settings = SearchPlan(self.strategy, **({"height": 1.0, "victims": wanted, "land": False} | plan))
         self.mission = Mission(settings, self.now, (0.0, 0.0, -2.0), emit=self.events.append, host=host)
 
     def step(self, *channels: Channel, at: Position = AT, status: int = 1) -> Velocity:

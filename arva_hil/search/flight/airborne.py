@@ -409,7 +409,6 @@ class Flight(MissionRun):
             plan,
             now - self._skipped_s,
             position,
-            land=plan.land,
             emit=self._emit_in_time,
             team=self._team,
             host=setup.host,

@@ -6,6 +6,7 @@ It makes no message: the commander never gets the order to launch.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 from arva_hil.autopilot.commanding.commander import EVERY_S
@@ -74,7 +75,7 @@ class DryRun(MissionRun):
             emit(WouldOrder(now, "DO_SET_MODE", OrderDetail(modes.name(modes.steer), set_points_hz=1 / EVERY_S)))
         pose = self.pose(now)
         start = self._lifted((0.0, 0.0, pose.position[2] if pose is not None else 0.0))
-        self.mission = Mission(plan, now, start, emit=emit, worker=self._setup.worker)
+        self.mission = Mission(replace(plan, land=False), now, start, emit=emit, worker=self._setup.worker)
         if self._new_frame is not None:
             self.on_frame(self._new_frame, pose, now)
 

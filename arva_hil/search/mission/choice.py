@@ -1,9 +1,9 @@
-"""The transmitters received: checks of their readings, the choice of one to fly to, the last check of its place."""
+"""The transmitters received: checks of their readings, the choice of one, orders to its strategy, the last check."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,13 +17,15 @@ from arva_hil.events.searches import (
     PlaceDoubted,
     SearchPaused,
     SearchResumed,
+    StrategySlow,
     TransmitterChosen,
     TransmitterFaded,
     TransmitterHeard,
     TransmitterLeft,
 )
-from arva_hil.search.strategies.guidance import Guidance
-from arva_hil.search.strategies.strategy import Found, Observation, Position
+from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order, Worker, silent
+from arva_hil.search.strategies.history import Track
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
 from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Channel, Frame, LevelChannel, VectorChannel
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
@@ -131,6 +133,110 @@ class Pauses:
         return because(Why.SAME_READING) if too_long else None
 
 
+_HELD_S: Final = 1.0  # fly a velocity for this long without a new one
+_MOST_ORDERS: Final = 256  # in a batch: a pipe accepts these without waiting
+
+
+class Guidance:
+    """Remembers the waiting orders, the newest answer, and the age of the velocity that is flown.
+
+    `number`: of the present strategy. `patience_s`: the longest time for one answer. Times are of the mission's clock,
+    which does not run while the computer pauses.
+    """
+
+    def __init__(self, worker: Worker, emit: Callable[[Event], None], patience_s: float) -> None:
+        self.number = 0
+        self._worker = worker
+        self._emit = emit
+        self._patience_s = patience_s
+        self._orders: list[Order] = []
+        self._question: Order | None = None  # the newest question, sent after the orders
+        self._sent_s: float | None = None  # when the unanswered batch was sent
+        self._starved_s = 0.0  # the worker's, before that batch
+        self._warn_s = _HELD_S  # report an answer that takes longer
+        self._velocity, self._velocity_s = STILL, -math.inf
+        self._contradictions: tuple[bool, ...] | None = None
+
+    def add(self, id_: int, o: Observation) -> None:
+        """Add a reading of a transmitter."""
+        self._orders.append((Analysis.add, id_, o))
+
+    def forget(self, id_: int) -> None:
+        """Forget the readings of a transmitter."""
+        self._orders.append((Analysis.forget, id_))
+
+    def begin(self, id_: int, *, has_id: bool) -> None:
+        """Begin a new strategy, for a transmitter."""
+        self.leave()
+        self._orders.append((Analysis.begin, self.number, id_, has_id))
+
+    def leave(self) -> None:
+        """Use no more answers of the present strategy."""
+        self.number += 1
+        self._velocity, self._contradictions, self._question = STILL, None, None
+
+    def observe(self, o: Observation, height_m: float) -> None:
+        """Give the strategy a reading. `height_m`: the height wanted."""
+        self._orders.append((Analysis.observe, o, height_m))
+
+    def steer(self, time_s: float, position: Position) -> AnalysisResult | None:
+        """Ask the strategy for a velocity. Returns the result of `exchange`."""
+        self._question = Analysis.steer, time_s, position
+        return self.exchange(time_s)
+
+    def velocity(self, time_s: float) -> Velocity:
+        """Return the last velocity of the strategy for 1 s, then hover."""
+        return self._velocity if time_s - self._velocity_s <= _HELD_S else STILL
+
+    def contradictions(self, time_s: float) -> tuple[bool, ...] | None:
+        """Return which of the newest readings contradict the place found, None before it is known."""
+        self._question = Analysis.check, time_s
+        self.exchange(time_s)
+        return self._contradictions
+
+    def exchange(self, time_s: float) -> AnalysisResult | None:
+        """Send the waiting orders if the last batch is answered. Returns a new answer of the strategy, or None."""
+        answer = None if self._sent_s is None else self._collect(time_s, self._sent_s)
+        if self._sent_s is None and (self._orders or self._question):
+            batch = self._orders[:_MOST_ORDERS]
+            del self._orders[:_MOST_ORDERS]
+            if self._question and not self._orders:
+                batch.append(self._question)
+                self._question = None
+            self._worker.send(batch)
+            self._sent_s, self._starved_s = time_s, self._worker.starved_s
+            answer = self._collect(time_s, time_s) or answer
+        return answer
+
+    def silent(self, time_s: float) -> str:
+        """Return the end of the search if the strategy takes too long, otherwise "".
+
+        Time in which it waited for a processor does not count.
+        """
+        if self._sent_s is None or time_s - self._sent_s <= self._patience_s:
+            return ""
+        took_s = time_s - self._sent_s - (self._worker.starved_s - self._starved_s)
+        return silent(took_s) if took_s > self._patience_s else ""
+
+    def _collect(self, time_s: float, sent_s: float) -> AnalysisResult | None:
+        if (answer := self._worker.receive()) is None:
+            if time_s - sent_s > self._warn_s:
+                starved_s = self._worker.starved_s - self._starved_s
+                self._emit(StrategySlow(time_s, time_s - sent_s, starved_s))
+                self._warn_s = 2 * (time_s - sent_s)
+            return None
+        self._sent_s = None
+        if answer.failed:
+            return answer
+        if answer.number != self.number:
+            return None
+        if answer.velocity is not None:
+            self._velocity, self._velocity_s = answer.velocity, time_s
+        if answer.contradictions is not None:
+            self._contradictions = answer.contradictions
+        return answer
+
+
 _NEARER: Final = 0.7  # choose another transmitter only if it is nearer by this factor
 _NEARER_S: Final = 1.0  # choose it after this time: near a transmitter a dead antenna causes short gaps
 _DEAF_S: Final = 60.0  # fly strips again after this time without a signal of the transmitter
@@ -149,6 +255,62 @@ class HeardTransmitter:
     nearest_at: tuple[float, float] = (0.0, 0.0)  # north, east of the receiver
     last_m: float = math.inf
     last_s: float = -math.inf
+
+
+LONG_S: Final = 240.0  # limit for one transmitter, while others or strips are left
+_THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
+
+
+class PutAside:
+    """The transmitters to pass by: those that took too long, and those that move. `moving`: their last tracks."""
+
+    def __init__(self) -> None:
+        self.moving: dict[int, Track] = {}
+        self._ids: dict[int, bool] = {}  # True for those that move
+        self._visited: set[int] = set()
+
+    def passes(self, id_: int) -> bool:
+        """Return True if the search passes by a transmitter."""
+        return id_ in self._ids
+
+    def put(self, choice: Choice, others: Collection[int], time_s: float) -> bool:
+        """Return True if the search for the present transmitter takes too long.
+
+        `others`, received and not found, are searched for first; without any it gets as long again.
+        """
+        alone = not set(others) - self._ids.keys() - {choice.target}
+        if choice.target is None or time_s - choice.since_s <= LONG_S * (1 + alone):
+            return False
+        self._ids[choice.target] = False
+        return True
+
+    def put_moving(self, id_: int, track: Track) -> None:
+        """Put a transmitter aside that moves."""
+        self.moving[id_] = track
+        self._ids[id_] = True
+
+    def heard_at(self, others: Mapping[int, HeardTransmitter], position: Position) -> tuple[float, float] | None:
+        """Return the place to fly to for a received transmitter that is not found: the nearest, each once a victim."""
+        past = self._visited | self._ids.keys()
+        there = {id_: heard.nearest_at for id_, heard in others.items() if id_ not in past}
+        while there:
+            id_ = min(there, key=lambda id_: math.dist(there[id_], position[:2]))
+            if math.dist(there[id_], position[:2]) > _THERE_M:
+                return there[id_]
+            self._visited.add(id_)
+            del there[id_]
+        return None
+
+    def renew(self) -> None:
+        """Search again for those that took too long: another one was found."""
+        self._visited.clear()
+        self._ids = {id_: moves for id_, moves in self._ids.items() if moves}
+
+    def back(self) -> bool:
+        """Search again for all. Return True if there was any."""
+        there = bool(self._ids)
+        self._ids.clear()
+        return there
 
 
 def id_of(id_: int | None) -> int | None:

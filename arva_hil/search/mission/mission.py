@@ -21,9 +21,11 @@ from arva_hil.search.mission.accuracy import UNKNOWN
 from arva_hil.search.mission.choice import (
     AGREES,
     LISTEN,
+    LONG_S,
     LOOK_AGAIN,
     NO_ID,
     Choice,
+    Guidance,
     HeardTransmitter,
     LastLook,
     Pauses,
@@ -35,7 +37,6 @@ from arva_hil.search.mission.choice import (
 from arva_hil.search.mission.ground import Descent, Height, HeightKeeper
 from arva_hil.search.mission.victims import ReceiverHost, Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
-from arva_hil.search.strategies.guidance import Guidance
 from arva_hil.search.strategies.history import speed_of
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
@@ -48,7 +49,6 @@ _COMPLETE: Final = *_AT_GOAL, Why.TIME_UP, Why.STRIPS_FLOWN  # all other ends ar
 _FAR_M: Final = 100.0  # from area and take-off point: a farther place ends the search
 _THERE_M: Final = 0.5  # from the place found
 _BELIEF_S: Final = 0.5  # between estimates that are reported
-_LONG_S: Final = 240.0  # leave a transmitter to the team after this time
 
 
 class Progress:
@@ -75,7 +75,7 @@ class Mission:
     - `ended`: the reason of its end, None before.
     - `victims`: the places of several transmitters.
     - `progress`: since the end of the take-off, at `start_s`.
-    - `land`: after the search it descends onto the place found, until `over`, when only landing or hovering is left.
+    - `over`: after the search it descends onto the place found, if it shall land; then only landing is left.
     - `choice`: the transmitters received, and the one that it flies to.
     - `emit`: gets the events. `accuracy`: of the vehicle's position on Earth, set from outside.
     - `team`: the other searches; transmitters of theirs are passed by.
@@ -91,7 +91,6 @@ class Mission:
         start_s: float,
         position: Position,
         *,
-        land: bool = False,
         emit: Callable[[Event], None] = lambda _: None,
         team: Teammate | None = None,
         host: ReceiverHost | None = None,
@@ -103,16 +102,14 @@ class Mission:
         self.accuracy = UNKNOWN
         self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
-        self._twice = False  # whether the strips are flown for the second time since the last place found
         self._pauses = Pauses(start_s, plan.patience_s, emit)
         self.victims = Victims(plan.victims, host, emit)
         worker = worker or Inline(partial(plan.strategy, plan.speed))
         guidance = Guidance(worker, emit, plan.patience_s)
-        self.choice = Choice(guidance, self._passes, emit, _LONG_S if team else math.inf)
+        self.choice = Choice(guidance, self._passes, emit, LONG_S if team else math.inf)
         self._last_look = LastLook(self.choice, emit)
         self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
-        self._land = land
         self._emit = emit
         self._belief_s = -math.inf  # when an estimate may be reported next
         self._team = team
@@ -221,15 +218,15 @@ class Mission:
     @property
     def _lands(self) -> bool:
         # by set-points: onto a place found, and in a team anywhere, for others may be below
-        return self._land and (self.found is not None or self._team is not None)
+        return self.plan.land and (self.found is not None or self._team is not None)
 
     @property
     def others(self) -> dict[int, HeardTransmitter]:
         """The transmitters received and not found; without those that move."""
         heard, target = self.choice.heard, self.choice.target
-        heard = {id_: one for id_, one in heard.items() if id_ not in self.victims.moving}
+        heard = {id_: one for id_, one in heard.items() if id_ not in self.victims.aside.moving}
         if self.victims.several:
-            return {id_: one for id_, one in heard.items() if not self.victims.knows(id_)}
+            return {id_: one for id_, one in heard.items() if id_ not in self.victims.known}
         return {id_: one for id_, one in heard.items() if self.found is None or id_ != target}
 
     def _come_down(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
@@ -266,20 +263,23 @@ class Mission:
                 self._end(stuck)
             return STILL
         if self.choice.hunting:
-            if self.victims.several and self.victims.put_aside(self.choice, self.others, time_s):
+            if self.victims.several and self.victims.aside.put(self.choice, self.others, time_s):
                 return self._go_on(position)
             self._use(self.choice.guidance.steer(time_s, receiver), time_s, position)
             return STILL if self.ended else self.choice.guidance.velocity(time_s)
-        if self.victims.several and (place := self.victims.heard_at(self.others, receiver)):
+        if self.victims.several and (place := self.victims.aside.heard_at(self.others, receiver)):
             return towards(receiver, place, self.plan.speed)
         velocity = self._strips.velocity(time_s, receiver)
         if not self._strips.exhausted:
             return velocity
-        if not self._twice and self.victims.back() | self.choice.forgive():
-            self._twice = True
+        if not self._strips.twice and self.victims.aside.back() | self.choice.forgive():
             return self._strips.again()
         if self.victims.wanted or not self.victims.places or self.others:
-            how = {"heard": bool(self.choice.heard), "twice": self._twice, "team": isinstance(self._strips, TeamStrips)}
+            how = {
+                "heard": bool(self.choice.heard),
+                "twice": self._strips.twice,
+                "team": isinstance(self._strips, TeamStrips),
+            }
             return self._end(self.victims.not_all(Why.STRIPS_FLOWN, len(self.others), **how))
         return self._end_at_goal()
 
@@ -308,7 +308,7 @@ class Mission:
         victims, target = self.victims, self.choice.target
         assert target is not None
         if not victims.unreported:
-            self._twice = False
+            self._strips.twice = False
             dipole = self._reached.dipole if self._reached else None
             victims.add(Victim(target, found, self.sure, self.progress.searched_s), dipole, time_s)
         if victims.settling and not late:
@@ -332,8 +332,9 @@ class Mission:
         """Return True if a transmitter is another search's, or found. Without ids that is unknown."""
         if id_ == NO_ID:
             return False
-        metres = self.choice.heard[id_].nearest_m
-        return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own, metres=metres))
+        if id_ in self.victims.known or self.victims.aside.passes(id_):
+            return True
+        return self._team is not None and self._team.taken(id_, own=own, metres=self.choice.heard[id_].nearest_m)
 
     def _use(self, answer: AnalysisResult | None, time_s: float, position: Position) -> None:
         """Use an answer of the strategy, unless it comes too late."""
@@ -345,7 +346,7 @@ class Mission:
         if (target := self.choice.target) is None or self._reached:
             return
         if answer.track and target != NO_ID:
-            self.victims.put_moving_aside(target, answer.track)
+            self.victims.aside.put_moving(target, answer.track)
             _, north, east = answer.track[-1]
             self._emit(TransmitterMoves(time_s, target, speed_of(answer.track), north, east))
             self._go_on(position)
@@ -354,7 +355,7 @@ class Mission:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self._reached = answer
-            self.victims.moving.pop(target, None)
+            self.victims.aside.moving.pop(target, None)
             self._tell(answer.found, id_of(target), time_s)
         if answer.belief is not None and time_s >= self._belief_s:
             self._belief_s = time_s + _BELIEF_S

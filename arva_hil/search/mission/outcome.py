@@ -120,6 +120,6 @@ def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tup
         victims,
         mission.plan.victims,
         from_drone=from_drone,
-        moving=tuple(mission.victims.moving.items()),
+        moving=tuple(mission.victims.aside.moving.items()),
         accuracy=mission.accuracy,
     )

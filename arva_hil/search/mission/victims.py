@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -24,10 +24,9 @@ from arva_hil.events.searches import (
     VictimAgain,
     VictimNoted,
 )
-from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, id_of
+from arva_hil.search.mission.choice import NO_ID, PutAside, id_of
 from arva_hil.search.strategies.explained import Explained
-from arva_hil.search.strategies.history import Track
-from arva_hil.search.strategies.strategy import Found, Observation, Position
+from arva_hil.search.strategies.strategy import Found, Observation
 from firmware_proto import MORE_TRANSMITTERS, Command, CommandAnswer, Frame, HostForm
 from firmware_proto.commands import DONE, IDENTIFY, MARK, UNKNOWN
 
@@ -90,8 +89,6 @@ _NEAR_CM: Final = 600  # try it within this distance: receivers refuse distant m
 _SIGMA_M: Final = 0.4  # of a place without a sigma of the strategy
 _WITHIN: Final = 2.45  # sigma: 95 % of a place
 _LEAST_M: Final = 1.0  # two places within this distance are one
-_THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
-_LONG_S: Final = 240.0  # limit for one transmitter, while others or strips are left
 
 
 @dataclass(frozen=True)
@@ -180,32 +177,25 @@ class Marks:
 
 
 class Victims:
-    """The transmitters found, with their ids and marks, and those that are postponed.
+    """The transmitters found, with their ids and marks, and those that are put aside.
 
-    `wanted`: the number to find, None: all. `host`: commands to the receiver, None if it takes none. `emit` gets the
-    events. `moving`: the last tracks of transmitters that move, by id.
+    `wanted`: the number to find, None: all. `several`: more than one is searched for. `host`: commands to the receiver,
+    None if it takes none. `emit` gets the events. `known`: index of the place by id.
     """
 
     def __init__(self, wanted: int | None, host: ReceiverHost | None, emit: Callable[[Event], None]) -> None:
         self.wanted = wanted
+        self.several = wanted != 1
         self.places: list[Victim] = []
-        self.moving: dict[int, Track] = {}
+        self.aside = PutAside()
+        self.known: dict[int, int] = {}
         self.unreported = False  # a place is added, and not reported yet
         self._marks = Marks(host if self.several else None, emit)
         self._emit = emit
-        self._known: dict[int, int] = {}  # index of the place by id
         self._together: set[frozenset[int]] = set()  # ids of one frame: they are of different transmitters
-        self._aside: set[int] = set()
-        self._passed: set[int] = set()  # of those that move: until `back`
-        self._visited: set[int] = set()
         self._doubted: set[int] = set()
         self._explained = Explained()
         self._more = False
-
-    @property
-    def several(self) -> bool:
-        """True if more than one is searched for."""
-        return self.wanted != 1
 
     @property
     def enough(self) -> bool:
@@ -218,18 +208,10 @@ class Victims:
         unsure = len(self.places) - sure
         return because(why, found=sure, unsure=unsure, wanted=self.wanted, more=more, **values)
 
-    def knows(self, id_: int) -> bool:
-        """Return True if a transmitter is found."""
-        return id_ in self._known
-
-    def passes(self, id_: int) -> bool:
-        """Return True if the search passes by a transmitter: it is found, or put aside."""
-        return id_ in self._known or id_ in self._aside or id_ in self._passed
-
     def left(self, heard: Iterable[int]) -> int | None:
         """Return the number of received transmitters that are not found; None if frames carry no ids."""
         every = set(heard)
-        return None if NO_ID in every or not self._known else len(every - self._known.keys())
+        return None if NO_ID in every or not self.known else len(every - self.known.keys())
 
     def on_frame(self, frame: Frame, time_s: float) -> None:
         """Use a frame: detect lost marks, and remember transmitters received together."""
@@ -237,7 +219,7 @@ class Victims:
         self._together |= {frozenset((a, b)) for a in ids for b in ids if a < b}
         self._more = bool(frame.status & MORE_TRANSMITTERS)
         for channel in frame.channels:
-            number = self._known.get(NO_ID if channel.id is None else channel.id)
+            number = self.known.get(NO_ID if channel.id is None else channel.id)
             if number is None or not channel.valid or channel.marked:
                 continue
             if self.places[number].marked:
@@ -271,40 +253,6 @@ class Victims:
         self._emit(PlaceDoubted(time_s, id_of(id_), found.north, found.east))
         return True
 
-    def put_aside(self, choice: Choice, others: Collection[int], time_s: float) -> bool:
-        """Return True if the search for the present transmitter takes too long.
-
-        `others`, received and not found, are searched for first; without any it gets as long again.
-        """
-        alone = not set(others) - self._aside - {choice.target}
-        if choice.target is None or time_s - choice.since_s <= _LONG_S * (1 + alone):
-            return False
-        self._aside.add(choice.target)
-        return True
-
-    def heard_at(self, others: Mapping[int, HeardTransmitter], position: Position) -> tuple[float, float] | None:
-        """Return the place to fly to for a received transmitter that is not found: the nearest, each once a victim."""
-        there = {id_: heard.nearest_at for id_, heard in others.items() if id_ not in self._aside | self._visited}
-        while there:
-            id_ = min(there, key=lambda id_: math.dist(there[id_], position[:2]))
-            if math.dist(there[id_], position[:2]) > _THERE_M:
-                return there[id_]
-            self._visited.add(id_)
-            del there[id_]
-        return None
-
-    def back(self) -> bool:
-        """Search again for the transmitters put aside. Return True if there was any."""
-        there = bool(self._aside | self._passed)
-        self._aside.clear()
-        self._passed.clear()
-        return there
-
-    def put_moving_aside(self, id_: int, track: Track) -> None:
-        """Put a transmitter aside that moves."""
-        self.moving[id_] = track
-        self._passed.add(id_)
-
     def add(self, victim: Victim, dipole: NDArray[np.float64] | None, time_s: float) -> None:
         """Add a found place, above which the vehicle hovers. `dipole`: there, of a transmitter without an id."""
         self.unreported = True
@@ -317,8 +265,7 @@ class Victims:
     def report(self, heard: Iterable[int], time_s: float) -> None:
         """Report the newest place, and the transmitters left of those `heard`."""
         self.unreported = False
-        self._visited.clear()
-        self._aside.clear()
+        self.aside.renew()
         victim = self.places[-1]
         place = victim.found.north, victim.found.east
         about = len(self.places), self.wanted, *place, victim.sure, victim.marked, self.left(heard), self._more
@@ -336,7 +283,7 @@ class Victims:
 
     def _know(self, id_: int, number: int) -> None:
         if id_ != NO_ID:
-            self._known[id_] = number
+            self.known[id_] = number
 
     def _ids(self, number: int) -> list[int]:
-        return [id_ for id_, known in self._known.items() if known == number]
+        return [id_ for id_, known in self.known.items() if known == number]

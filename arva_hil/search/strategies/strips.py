@@ -17,10 +17,13 @@ class Strips:
     """The lanes of a search, and those that were flown.
 
     They are parallel to the longer side of `area`, at most `width` apart and half of that from the edges, and begin at
-    the corner nearest to `position`. `lanes`: their ends, in order.
+    the corner nearest to `position`. `lanes`: their ends, in order. `twice`: they are flown again,
+    since the last place found.
 
     Raises ValueError for an empty area, or a width or speed that is not positive.
     """
+
+    twice = False
 
     def __init__(self, area: Area, speed: float, position: Position, *, width: float = 40.0) -> None:
         south, west, north, east = area
@@ -70,7 +73,7 @@ class Strips:
 
     def again(self) -> Velocity:
         """Begin with the first lane again."""
-        self._next, self._back = 0, None
+        self._next, self._back, self.twice = 0, None, True
         return STILL
 
 

@@ -399,4 +399,5 @@ class TeamStrips(Strips):
 
     def again(self) -> Velocity:
         self._team.forgive()
+        self.twice = True
         return STILL
