@@ -26,7 +26,7 @@ PROGRAMS = {
     "sitl fly": "tools.sitl.fly",
     "sitl lua": "tools.sitl.scripts",
     "soak run": "tools.soak.run",
-    "soak can": "tools.soak.can",
+    "soak can": "tools.soak.run",
     "soak kills": "tools.soak.kills",
     "vectors": "tools.vectors.make",
     "reference": "tools.write_reference",
