@@ -15,8 +15,8 @@ from arva_hil.events.searches import ConsentNeeded, CountDown, DryRunBegun, SetP
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, Parser, command, decode, dialect
-from arva_hil.search.flight.claim import CLAIM_TYPE, Claim, encode, parse
 from arva_hil.search.flight.client import SearchClient
+from arva_hil.search.flight.links import CLAIM_TYPE, Claim
 from arva_hil.search.flight.preflight import Permission
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated import arducopter
@@ -281,12 +281,12 @@ def test_without_contact_one_that_somebody_else_arms_is_not_flown() -> None:
 
 def test_a_claim_is_passed_on_unchanged_and_nothing_else_is_a_claim() -> None:
     claim = Claim(True, 123_456, 2**64 - 1, "process 7 on drone-1")
-    payload = encode(claim)
-    assert parse(payload) == claim
-    assert parse(encode(claim._replace(name="é" * 100))) == claim._replace(name="?" * 64)
+    payload = claim.encode()
+    assert Claim.parse(payload) == claim
+    assert Claim.parse(claim._replace(name="é" * 100).encode()) == claim._replace(name="?" * 64)
     for wrong in (b"", payload[:17], b"\2" + payload[1:], payload[:1] + b"\2" + payload[2:], payload + bytes(60)):
-        assert parse(wrong) is None
-    assert parse(payload[:-1] + b"\n") is None
+        assert Claim.parse(wrong) is None
+    assert Claim.parse(payload[:-1] + b"\n") is None
 
 
 def test_who_flies_goes_first_then_who_began_first() -> None:

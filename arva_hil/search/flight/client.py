@@ -19,9 +19,8 @@ from arva_hil.links import Link, LinkError, Sender
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.flight.airborne import Flight, FlightSetup, FlownPose
-from arva_hil.search.flight.claim import OtherSearches
 from arva_hil.search.flight.dry_run import DryRun
-from arva_hil.search.flight.links import AutopilotLink, ReceiverLink
+from arva_hil.search.flight.links import AutopilotLink, OtherSearches, ReceiverLink
 from arva_hil.search.flight.preflight import Permission, Preflight
 from arva_hil.search.mission.ground import Ground
 from arva_hil.search.mission.mission import Mission

@@ -33,8 +33,7 @@ from arva_hil.links.processes import other_readers
 from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.flight.airborne import OLD_S
-from arva_hil.search.flight.claim import QUIET_S
-from arva_hil.search.flight.links import ReceiverLink
+from arva_hil.search.flight.links import QUIET_S, ReceiverLink
 from arva_hil.search.mission.outcome import Kind, Refusal
 from arva_hil.search.strategies.plan import SearchPlan
 

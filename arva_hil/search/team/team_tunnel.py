@@ -138,6 +138,14 @@ def parse(payload: bytes, members: int) -> News | None:
     )
 
 
+def payload_of(packet: Packet, kind: int, component: int) -> bytes | None:
+    """Return the payload of a TUNNEL with this type from a component; None for anything else."""
+    if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or packet.component != component:
+        return None
+    message = decode(packet)
+    return untunnel(message) if message is not None and message.payload_type == kind else None
+
+
 def _on_earth(place: tuple[float, float]) -> bool:
     return abs(place[0]) <= 90 and abs(place[1]) <= 180
 
@@ -181,13 +189,10 @@ class TeamTunnel:
 
     def on_packet(self, packet: Packet, now: float) -> News | None:
         """Return the news in a packet; None for anything else. `time_s` is then on the own clock."""
-        if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or packet.component != self._component:
+        payload = payload_of(packet, TEAM_TYPE, self._component) if packet.system in self._systems else None
+        if payload is None:
             return None
-        if packet.system not in self._systems or (message := decode(packet)) is None:
-            return None
-        if message.payload_type != TEAM_TYPE:
-            return None
-        news = parse(untunnel(message), len(self._systems))
+        news = parse(payload, len(self._systems))
         if news is None or self._systems[news.number] != packet.system or not self._is_new(news, now):
             self.dropped += 1
             return None
