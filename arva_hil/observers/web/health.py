@@ -42,43 +42,6 @@ class Check(NamedTuple):
     cure: str = ""
 
 
-class Vitals:
-    """Remembers the newest packets of each autopilot, by its link and system id."""
-
-    def __init__(self) -> None:
-        self._heard_s: dict[Source, float] = {}
-        self._newest: dict[Source, dict[int, Packet]] = {}  # by message
-
-    def on_packets(self, event: PacketsReceived) -> None:
-        """Keep the newest packets of each kind."""
-        for packet in event.packets:
-            if packet.component == _AUTOPILOT and not packet.refused:
-                source = event.link, packet.system
-                self._heard_s[source] = event.time_s
-                if packet.msgid in USED:
-                    self._newest.setdefault(source, {})[packet.msgid] = packet
-
-    def forget(self) -> None:
-        """Forget all vehicles."""
-        self._heard_s.clear()
-        self._newest.clear()
-
-    def checks_of_link(self, link: str, now: float) -> list[Check]:
-        """Return the lines of the only vehicle on a link."""
-        return self.checks(next((source for source in self._heard_s if source[0] == link), None), now)
-
-    def checks(self, source: Source | None, now: float) -> list[Check]:
-        """Return the lines of a vehicle; none for values that it does not report."""
-        if source not in self._heard_s:
-            return []
-        said = {id_: decode(packet) for id_, packet in self._newest.get(source, {}).items()}
-        age_s = max(0.0, now - self._heard_s[source])
-        cure = "" if age_s < _OLD_S else "is it powered, and in range of its link?"
-        lines = [_mode(said), _battery(said), _gps(said), _estimator(said)]
-        lines.append(Check("bad" if cure else "good", "link", f"{age_s:.1f} s ago", cure))
-        return [line for line in lines if line]
-
-
 def _mode(said: Mapping[int, Any]) -> Check | None:
     beat = said.get(dialect.MAVLINK_MSG_ID_HEARTBEAT)
     if beat is None:
@@ -134,7 +97,7 @@ def _estimator(said: Mapping[int, Any]) -> Check | None:
 
 
 class Health:
-    """Remembers the newest status, which vehicles and links are lost, and why.
+    """Remembers the newest status, the newest packets of each autopilot, which vehicles and links are lost, and why.
 
     `asked_hz`: the requested rates by message name. `links`: connection strings by the engine's names.
     """
@@ -145,14 +108,15 @@ class Health:
         self._labels: dict[str, str] = {}
         self._silent: set[str] = set()
         self._report: StatusReport | None = None
-        self._vitals = Vitals()
+        self._heard_s: dict[Source, float] = {}
+        self._newest: dict[Source, dict[int, Packet]] = {}  # by message
 
     def observe(self, event: Event) -> None:
         if isinstance(event, events.PacketsReceived):
-            self._vitals.on_packets(event)
+            self._on_packets(event)
         elif isinstance(event, StatusReport):
             self._report = event
-        elif isinstance(event, events.LinkEvent):
+        elif isinstance(event, events.LinkLost | events.LinkBlocked | events.LinkThere | events.LinkBack):
             self._on_link(event)
         elif isinstance(event, vehicles.VehicleFound | vehicles.VehicleBack | vehicles.VehicleRebooted):
             self._labels[event.vehicle] = event.label
@@ -166,7 +130,8 @@ class Health:
         """Forget the past."""
         self._labels.clear()
         self._silent.clear()
-        self._vitals.forget()
+        self._heard_s.clear()
+        self._newest.clear()
         self._report = None
         for name, link in self._links.items():
             self._links[name] = _link(link["address"])
@@ -178,19 +143,39 @@ class Health:
     def vehicles(self, now: float = 0.0) -> list[dict[str, Any]]:
         """Return the vehicles, each with its streams, counters, receivers and checks at time `now`."""
         if self._report is None:  # of a search: each vehicle has its packets under its own name
-            return [{**self._bare(name), "checks": self._vitals.checks_of_link(name, now)} for name in self._labels]
+            sources = {link: (link, system) for link, system in reversed(self._heard_s)}
+            return [{**self._bare(name), "checks": self._checks(sources.get(name), now)} for name in self._labels]
         every = self._report.vehicles
-        return [{**self._vehicle(one), "checks": self._vitals.checks(one.source, now)} for one in every]
+        return [{**self._vehicle(one), "checks": self._checks(one.source, now)} for one in every]
 
     def links(self) -> list[dict[str, Any]]:
         """Return the links, each with address, state, and number and reason of its losses."""
         return [{"name": name, **link} for name, link in self._links.items()]
 
+    def _on_packets(self, event: PacketsReceived) -> None:
+        """Keep the newest packets of each kind."""
+        for packet in event.packets:
+            if packet.component == _AUTOPILOT and not packet.refused:
+                source = event.link, packet.system
+                self._heard_s[source] = event.time_s
+                if packet.msgid in USED:
+                    self._newest.setdefault(source, {})[packet.msgid] = packet
+
+    def _checks(self, source: Source | None, now: float) -> list[Check]:
+        """Return the lines of a vehicle; none for values that it does not report."""
+        if source not in self._heard_s:
+            return []
+        said = {id_: decode(packet) for id_, packet in self._newest.get(source, {}).items()}
+        age_s = max(0.0, now - self._heard_s[source])
+        cure = "" if age_s < _OLD_S else "is it powered, and in range of its link?"
+        lines = [_mode(said), _battery(said), _gps(said), _estimator(said)]
+        lines.append(Check("bad" if cure else "good", "link", f"{age_s:.1f} s ago", cure))
+        return [line for line in lines if line]
+
     def _vehicle(self, status: VehicleStatus) -> dict[str, Any]:
-        label = one_line(status.label or self._labels.get(status.name, ""))
         return {
             **self._bare(status.name),
-            "label": label,
+            "label": one_line(status.label or self._labels.get(status.name, "")),
             "streams": [
                 {"name": name, "hz": round(hz, 1), "asked_hz": self._asked_hz.get(name)}
                 for name, hz in status.rates.items()
@@ -213,9 +198,7 @@ class Health:
             "checks": [],
         }
 
-    def _on_link(self, event: events.LinkEvent) -> None:
-        if not isinstance(event, events.LinkLost | events.LinkBlocked | events.LinkThere | events.LinkBack):
-            return
+    def _on_link(self, event: events.LinkLost | events.LinkBlocked | events.LinkThere | events.LinkBack) -> None:
         link = self._links.setdefault(event.link, _link(event.address))
         link["address"] = one_line(event.address)
         link["open"] = isinstance(event, events.LinkThere | events.LinkBack)

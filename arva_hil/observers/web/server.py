@@ -6,8 +6,8 @@ One thread serves all connections and pauses after each step, so that an attack 
 
 from __future__ import annotations
 
-import contextlib
 import ipaddress
+import os
 import re
 import selectors
 import socket
@@ -116,7 +116,6 @@ _TYPES: Final = {
     ".png": "image/png",
 }
 _JSON: Final = "application/json; charset=utf-8"
-_PLAIN: Final = "text/plain; charset=utf-8"
 _HEADERS: Final = (
     "Cache-Control: no-store\r\n"
     "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -267,7 +266,7 @@ class Server:
             request.refuse_others(self.address.host, connection.socket.getsockname()[0])
             status, content = HTTPStatus.OK, self._content(request, self._open[connection])
         except Refused as refusal:
-            status, content = refusal.status, Content(_PLAIN, f"{refusal}\n".encode("ascii"))
+            status, content = refusal.status, Content(_TYPES[".txt"], f"{refusal}\n".encode("ascii"))
         connection.is_last = request is None or request.is_last or status is not HTTPStatus.OK
         body = [] if not content.body or (request and request.method == "HEAD") else [content.body]
         connection.rest = [_head(status, content, connection.is_last), *body]
@@ -330,28 +329,16 @@ def _open(wanted: HostPort) -> socket.socket:
         )[0]
     except (OSError, UnicodeError) as error:
         raise WebError(f"{wanted}: the page cannot be served: no address of that name ({error})") from None
-    last: OSError | None = None
-    ports = range(wanted.port, min(wanted.port + TRIED, 65536)) if wanted.port else [0]
-    for port in ports:
+    why = "no port"
+    for port in range(wanted.port, min(wanted.port + TRIED, 65536)) if wanted.port else [0]:
         try:
-            return _listener(family, (str(place[0]), port))
+            listener = socket.create_server((str(place[0]), port), family=family, backlog=_MOST_CLIENTS)
         except OSError as error:
-            last = error
+            why = os.strerror(error.errno) if error.errno else str(error)
             if error.errno not in _TAKEN and not isinstance(error, PermissionError):
                 break
-    why = last.strerror if last else "no port"
+        else:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            listener.setblocking(False)
+            return listener
     raise WebError(f"{wanted}: the page cannot be served: {why}; give another HOST:PORT, or --web off") from None
-
-
-def _listener(family: int, place: tuple[str, int]) -> socket.socket:
-    with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(socket.socket(family, socket.SOCK_STREAM))
-        if family == socket.AF_INET6:
-            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
-        listener.bind(place)
-        listener.listen(_MOST_CLIENTS)
-        listener.setblocking(False)
-        stack.pop_all()
-        return listener

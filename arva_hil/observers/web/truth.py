@@ -63,10 +63,8 @@ class TransmitterView:
         self.lines = b'{"version":0,"down_m":null,"transmitters":[],"left_out":0}'
         self._places = places
         self._kappa_eq = kappa_eq
-        self._around: dict[str, Transmitters] = {}  # by vehicle
-        self._offsets: dict[str, tuple[float, float, float]] = {}
+        self._around: dict[str, tuple[Transmitters, Offset]] = {}  # by vehicle
         self._there: Transmitters | None = None  # all of them, in the map
-        self._owners: list[list[str]] = []  # the vehicles whose receivers are among them
         self._drawn: tuple[Transmitters, float] | None = None
 
     def observe(self, report: StatusReport) -> None:
@@ -75,14 +73,13 @@ class TransmitterView:
         for vehicle in report.vehicles:
             there = next((r.transmitters for r in vehicle.receivers if r.transmitters is not None), None)
             offset = self._places.offset(vehicle.name)
-            if there is not None and (
-                there is not self._around.get(vehicle.name) or offset != self._offsets.get(vehicle.name)
-            ):
-                self._around[vehicle.name], self._offsets[vehicle.name] = there, offset
+            before = self._around.get(vehicle.name, (None, offset))
+            if there is not None and (there is not before[0] or offset != before[1]):
+                self._around[vehicle.name] = there, offset
                 changed = True
         if changed:
-            self._there = self._merged()
-            self.text = _text(self._there, self._owners)
+            self._there, owners = self._merged()
+            self.text = _text(self._there, owners)
 
     def draw(self, down_m: float | None) -> bool:
         """Compute the lines again if transmitters or the plane have moved. Return True if they have.
@@ -92,8 +89,7 @@ class TransmitterView:
         there = self._there
         if there is None:
             return False
-        known = down_m is not None and math.isfinite(down_m)
-        plane_m = float(round(down_m)) if known and down_m is not None else -_HEIGHT_M
+        plane_m = -_HEIGHT_M if down_m is None or not math.isfinite(down_m) else float(round(down_m))
         if self._drawn is not None and _alike(self._drawn[0], there) and abs(self._drawn[1] - plane_m) <= _CLIMBED_M:
             return False
         self._drawn = there, plane_m
@@ -107,26 +103,24 @@ class TransmitterView:
         self.lines = jsons.dump(document).encode()
         return True
 
-    def _merged(self) -> Transmitters:
-        """Return the transmitters of all vehicles, each place once."""
+    def _merged(self) -> tuple[Transmitters, list[list[str]]]:
+        """Return the transmitters of all vehicles, each place once, and the vehicles whose receivers are among them."""
         every: dict[tuple[Any, ...], tuple[int, Any, Any, float]] = {}
         owners: dict[tuple[Any, ...], list[str]] = {}
-        unplaced = set()
-        for vehicle, there in self._around.items():
-            places = there.positions + np.array(self._offsets[vehicle])
+        for vehicle, (there, offset) in self._around.items():
+            places = there.positions + np.array(offset)
             for i, (id_, place) in enumerate(zip(there.ids, places.tolist(), strict=True)):
-                if id_ in there.unplaced or not np.isfinite(place).all():
-                    unplaced.add(id_)
-                elif len(every) < _MOST_TRANSMITTERS:
+                is_placed = id_ not in there.unplaced and np.isfinite(place).all()
+                if is_placed and len(every) < _MOST_TRANSMITTERS:
                     key = (id_, *(round(x, 1) for x in place))
                     every.setdefault(key, (id_, place, there.rotations[i], float(there.strengths[i])))
                     owners.setdefault(key, []).append(vehicle)
         ids, positions, rotations, strengths = zip(*every.values(), strict=True) if every else ((), (), (), ())
         n = len(ids)
-        self._owners = list(owners.values())
-        return Transmitters(
+        merged = Transmitters(
             ids, np.array(positions).reshape(n, 3), np.array(rotations).reshape(n, 3, 3), np.array(strengths)
         )
+        return merged, list(owners.values())
 
 
 def _alike(a: Transmitters, b: Transmitters) -> bool:
