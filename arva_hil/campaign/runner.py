@@ -97,14 +97,13 @@ def packed(trials: Sequence[Trial]) -> bytes:
 
 def attempt(fly: Fly, shard: bytes) -> list[Result]:
     """Return the results of the trials in a shard, also of those that raise an error. Runs in the worker."""
-    return [_attempt(fly, trial) for trial in pickle.loads(zlib.decompress(shard))]
-
-
-def _attempt(fly: Fly, trial: Trial) -> Result:
-    try:
-        return fly(trial)
-    except Exception as error:
-        return _failure(error)
+    results = []
+    for trial in pickle.loads(zlib.decompress(shard)):
+        try:
+            results.append(fly(trial))
+        except Exception as error:
+            results.append(_failure(error))
+    return results
 
 
 @contextmanager

@@ -97,6 +97,7 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         return loop.over or len(loop.found) >= wanted if team else first.decided
 
     run(loop.tasks, clock, until=trial.limit_s + _AROUND_S, stopped=over)
+    outcome = FOUND if len(loop.found) >= wanted else f"{len(loop.found)} of {wanted} found"
     missions = [drone.mission for drone in loop.drones if drone.mission]
     errors = [error for drone in loop.drones if (error := drone.error()) is not None]
     hovers = first.mission is not None and first.mission.found is not None and not team
@@ -106,7 +107,7 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         relative_sigma_m = sigma_of(accuracy.relative(found))
         spread = sigma_of(accuracy.on_earth(found)), first.relative_error(clock.now()), relative_sigma_m
     return Result(
-        _team_outcome(len(loop.found), wanted) if team else _outcome(first),
+        outcome if team else _outcome(first),
         max(errors, default=None),
         first.off(clock.now()) if hovers else None,
         max((mission.progress.searched_s for mission in missions), default=0.0),
@@ -121,7 +122,3 @@ def _outcome(drone: Drone) -> str:
     if mission is None:
         return in_words(outcome.how) if outcome else f"no take-off in {_AROUND_S:g} s"
     return in_words(mission.ended or (outcome.how if outcome else "no end"))
-
-
-def _team_outcome(found: int, wanted: int) -> str:
-    return FOUND if found >= wanted else f"{found} of {wanted} found"

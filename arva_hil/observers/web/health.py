@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 from arva_hil import events
@@ -13,13 +13,6 @@ from arva_hil.events import Event, PacketsReceived, StatusReport, VehicleStatus,
 from arva_hil.mavlink.codec import Packet, decode, dialect
 from arva_hil.safe_text import one_line
 
-USED: Final = (
-    dialect.MAVLINK_MSG_ID_HEARTBEAT,
-    dialect.MAVLINK_MSG_ID_SYS_STATUS,
-    dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
-    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
-    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-)
 _AUTOPILOT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
 _OLD_S: Final = 3.0  # of the newest packet
 _LOW, _EMPTY = 30, 15  # % of the battery
@@ -42,10 +35,7 @@ class Check(NamedTuple):
     cure: str = ""
 
 
-def _mode(said: Mapping[int, Any]) -> Check | None:
-    beat = said.get(dialect.MAVLINK_MSG_ID_HEARTBEAT)
-    if beat is None:
-        return None
+def _mode(beat: Any) -> Check:
     armed = beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED
     mode = f"mode {beat.custom_mode}"
     with contextlib.suppress(ValueError):  # it is neither ArduPilot nor PX4
@@ -55,22 +45,18 @@ def _mode(said: Mapping[int, Any]) -> Check | None:
     return Check("good", "mode", f"{mode}, {'armed' if armed else 'disarmed'}")
 
 
-def _battery(said: Mapping[int, Any]) -> Check | None:
-    status = said.get(dialect.MAVLINK_MSG_ID_SYS_STATUS)
-    if status is None or (status.battery_remaining < 0 and status.voltage_battery in (0, 0xFFFF)):
-        return None
+def _battery(status: Any) -> Check | None:
     left = status.battery_remaining
     volts = "" if status.voltage_battery in (0, 0xFFFF) else f"{status.voltage_battery / 1e3:.1f} V"
     value = ", ".join(filter(None, [f"{left} %" if left >= 0 else "", volts]))
+    if not value:
+        return None
     if 0 <= left < _LOW:
         return Check("bad" if left < _EMPTY else "warn", "battery", value, "land, and change the battery")
     return Check("good", "battery", value)
 
 
-def _gps(said: Mapping[int, Any]) -> Check | None:
-    raw = said.get(dialect.MAVLINK_MSG_ID_GPS_RAW_INT)
-    if raw is None:
-        return None
+def _gps(raw: Any) -> Check:
     count = raw.satellites_visible
     value = f"{_FIXES.get(raw.fix_type, 'no fix')}{'' if count == 255 else f', {count} satellites'}"
     if raw.fix_type < 3:
@@ -79,21 +65,32 @@ def _gps(said: Mapping[int, Any]) -> Check | None:
     return Check("warn" if few else "good", "GPS", value, "positions may jump: wait for more satellites" if few else "")
 
 
-def _estimator(said: Mapping[int, Any]) -> Check | None:
-    status = said.get(dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
-    kinds = ["velocity_variance", "pos_horiz_variance", "compass_variance"]
-    if status is None:
-        status, kinds = said.get(dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS), ["vel_ratio", "pos_horiz_ratio", "mag_ratio"]
-    if status is None:
-        return None
-    ratios = dict(zip(("velocity", "position", "compass"), (getattr(status, kind) for kind in kinds), strict=True))
-    if not status.flags & _ABSOLUTE:
+def _ardupilots_estimator(report: Any) -> Check:
+    return _estimator(report.flags, report.velocity_variance, report.pos_horiz_variance, report.compass_variance)
+
+
+def _px4s_estimator(status: Any) -> Check:
+    return _estimator(status.flags, status.vel_ratio, status.pos_horiz_ratio, status.mag_ratio)
+
+
+def _estimator(flags: int, velocity: float, position: float, compass: float) -> Check:
+    ratios = {"velocity": velocity, "position": position, "compass": compass}
+    if not flags & _ABSOLUTE:
         return Check("bad", "EKF", "no position", _NO_PLACE)
     worst = max(ratios, key=lambda name: ratios[name])
     if ratios[worst] >= _WRONG:
         cure = f"its {worst} disagrees: remove metal near by, calibrate the compass, wait for GPS"
         return Check("warn", "EKF", f"{worst} {ratios[worst]:.1f}", cure)
     return Check("good", "EKF", "position known")
+
+
+CHECKS: Final[Mapping[int, Callable[[Any], Check | None]]] = {  # by message id, in the order of the lines
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: _mode,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: _battery,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ardupilots_estimator,
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _px4s_estimator,
+}
 
 
 class Health:
@@ -158,17 +155,17 @@ class Health:
             if packet.component == _AUTOPILOT and not packet.refused:
                 source = event.link, packet.system
                 self._heard_s[source] = event.time_s
-                if packet.msgid in USED:
+                if packet.msgid in CHECKS:
                     self._newest.setdefault(source, {})[packet.msgid] = packet
 
     def _checks(self, source: Source | None, now: float) -> list[Check]:
         """Return the lines of a vehicle; none for values that it does not report."""
         if source not in self._heard_s:
             return []
-        said = {id_: decode(packet) for id_, packet in self._newest.get(source, {}).items()}
+        newest = self._newest.get(source, {})
         age_s = max(0.0, now - self._heard_s[source])
         cure = "" if age_s < _OLD_S else "is it powered, and in range of its link?"
-        lines = [_mode(said), _battery(said), _gps(said), _estimator(said)]
+        lines = [check(decode(newest[id_])) for id_, check in CHECKS.items() if id_ in newest]
         lines.append(Check("bad" if cure else "good", "link", f"{age_s:.1f} s ago", cure))
         return [line for line in lines if line]
 

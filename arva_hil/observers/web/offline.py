@@ -26,7 +26,11 @@ def offline_page(state: RecordedState) -> bytes:
     """Return the HTML file of a record."""
     files = {path[1:]: content.body.decode() for path, content in pages().items()}
     packed = base64.b64encode(gzip.compress(json.dumps(_data(state), separators=(",", ":")).encode(), mtime=0)).decode()
-    modules = {name: _link("text/javascript", _bare(text)) for name, text in files.items() if _is_module(name)}
+    modules = {  # they import others by their names in the map
+        name: _link("text/javascript", text.replace('from "./', 'from "'))
+        for name, text in files.items()
+        if name.endswith(".js") and name != "uplot.js"
+    }
     scripts = (
         f"<script>{files['uplot.js']}</script>"
         f'<script type="importmap">{json.dumps({"imports": modules})}</script>'
@@ -54,21 +58,12 @@ def _data(state: RecordedState) -> dict[str, Any]:
     readings = [one["points"] for one in json.loads(state.document())["receivers"]]
     stride = -(-sum(map(len, readings)) // MOST_READINGS) or 1
     kept = [points[(len(points) - 1) % stride :: stride] for points in readings]
-    if moments[-1].get("background") or before["background"]:
+    if before["background"]:
         picture = base64.b64encode(state.background()).decode()
         for moment in moments:
             if moment.get("background"):
                 moment["background"]["from"] = f"data:image/png;base64,{picture}"
     return {"moments": moments, "fields": fields, "readings": kept, "timeline": json.loads(state.time_line())}
-
-
-def _is_module(name: str) -> bool:
-    return name.endswith(".js") and name != "uplot.js"
-
-
-def _bare(text: str) -> str:
-    """Return a module that imports others by their names in the map of the page."""
-    return text.replace('from "./', 'from "')
 
 
 def _link(kind: str, text: str) -> str:

@@ -271,7 +271,10 @@ class Server:
         body = [] if not content.body or (request and request.method == "HEAD") else [content.body]
         connection.rest = [_head(status, content, connection.is_last), *body]
         self._turn(connection, selectors.EVENT_WRITE)
-        self._bound_answers()
+        # the waiting answers have a largest size; a common answer counts once
+        waiting = sorted((one for one in self._open if one.rest), key=lambda one: one.due_s)
+        while len(waiting) > 1 and _size(waiting) > _MOST_ANSWERS:
+            self._drop(waiting.pop(0))
 
     def _content(self, request: Request, number: int) -> Content:
         if (source := self._sources.get(request.path)) is not None:
@@ -300,12 +303,6 @@ class Server:
         """Wait for the next request, or for the answer to be accepted, with the whole time from now on."""
         connection.due_s = self._clock.now() + _TIMEOUT_S
         self._selector.modify(connection.socket, what, connection)
-
-    def _bound_answers(self) -> None:
-        """Drop connections until the waiting answers are small enough. A common answer counts once."""
-        waiting = sorted((one for one in self._open if one.rest), key=lambda one: one.due_s)
-        while len(waiting) > 1 and _size(waiting) > _MOST_ANSWERS:
-            self._drop(waiting.pop(0))
 
 
 def _size(waiting: Iterable[_Connection]) -> int:

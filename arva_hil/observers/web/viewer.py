@@ -22,7 +22,7 @@ from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.background import Source
-from arva_hil.observers.web.health import USED, Health
+from arva_hil.observers.web.health import CHECKS, Health
 from arva_hil.observers.web.search_view import PHASES, SearchView
 from arva_hil.observers.web.state import Key, State
 from arva_hil.observers.web.truth import Places
@@ -65,7 +65,10 @@ class RecordedState(State):
         self._packets = {vehicle: _health_packets(recording, vehicle) for vehicle in self._receivers_of}
         self._place(-math.inf)
         every = recording.receivers or ([received(recording.search)] if recording.search else [])
-        self._columns = {_key(one): _ReadingTexts(one, self._offsets(one)) for one in every}
+        self._columns: dict[Key, _ReadingTexts] = {}
+        for receiver in every:
+            key = (receiver.vehicle, receiver.receiver) if receiver.receiver else ONE
+            self._columns[key] = _ReadingTexts(receiver, self._offsets(receiver))
 
     def document(self, since: int = 0) -> bytes:
         """See `State`. Returns everything if anything has changed."""
@@ -162,8 +165,7 @@ class RecordedState(State):
         origin = LocalFrame(*self.places.origin)
         every = np.array([origin.ned(datum.lat, datum.lon, datum.alt) for datum in datums])
         at = np.searchsorted([datum.time_s for datum in datums], receiver.time_s, side="right") - 1
-        offsets: NDArray[np.float64] = every[np.maximum(at, 0)]
-        return offsets
+        return np.asarray(every[np.maximum(at, 0)])
 
     def _report(self, time_s: float) -> Iterator[Event]:
         """Yield the newest packets of each kind, and the newest status with the places of the transmitters."""
@@ -192,10 +194,10 @@ class RecordedState(State):
 
 def _health_packets(recording: Recording, vehicle: str) -> list[list[tuple[float, bytes]]]:
     """Return a vehicle's packets for its health, a list a kind; none of a log that cannot be read."""
-    by_kind: dict[int, list[tuple[float, bytes]]] = {kind: [] for kind in USED}
+    by_kind: dict[int, list[tuple[float, bytes]]] = {kind: [] for kind in CHECKS}
     with contextlib.suppress(RecordingError):
         for time_s, kind, raw in packets(recording, vehicle):
-            if kind in USED:
+            if kind in CHECKS:
                 by_kind[kind].append((time_s, raw))
     return list(by_kind.values())
 
@@ -244,10 +246,6 @@ class _ReadingTexts:
 def _some(count: int) -> list[int]:
     """Return at most `_THINNED` indices of `count` items, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, _THINNED)).astype(int)).tolist() if count else []
-
-
-def _key(receiver: RecordedReceiver) -> Key:
-    return (receiver.vehicle, receiver.receiver) if receiver.receiver else ONE
 
 
 def _event(said: Mapping[str, Any]) -> Event | None:

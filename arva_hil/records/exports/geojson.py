@@ -31,7 +31,10 @@ def _features(recording: Recording) -> Iterator[dict[str, Any]]:
     for mark in marks(recording):
         yield from _mark(mark)
     for track in tracks(recording):
-        yield from _lines(track)
+        for part in track.parts():  # a long one has several lines, end to end
+            for first in range(0, len(part.rows) - 1, _LONGEST_LINE):
+                line = part.lla[first : first + _LONGEST_LINE + 1, [1, 0, 2]].tolist()
+                yield _feature("track", "LineString", line, name=one_line(track.name))
         if track.receiver is not None:
             yield from _readings(recording, track)
 
@@ -48,14 +51,6 @@ def _mark(mark: Landmark) -> Iterator[dict[str, Any]]:
     if mark.outline:
         ring = [[lon, lat] for lat, lon in reversed(mark.outline)]  # anticlockwise
         yield _feature("ellipse", "Polygon", [ring], **about)
-
-
-def _lines(track: FlightTrack) -> Iterator[dict[str, Any]]:
-    """Yield lines for each part of the track with two points or more. A long part has several, end to end."""
-    for part in track.parts():
-        for first in range(0, len(part.rows) - 1, _LONGEST_LINE):
-            line = part.lla[first : first + _LONGEST_LINE + 1, [1, 0, 2]].tolist()
-            yield _feature("track", "LineString", line, name=one_line(track.name))
 
 
 def _readings(recording: Recording, track: FlightTrack) -> Iterator[dict[str, Any]]:
@@ -76,7 +71,6 @@ def _readings(recording: Recording, track: FlightTrack) -> Iterator[dict[str, An
             for id_, zone, d, delta, range_m in receiver.slots(frame)
             if zone
         ]
-        nearest = heard[0]["d_cm"] / 100 if heard else None
         yield _feature(
             "reading",
             "Point",
@@ -85,6 +79,6 @@ def _readings(recording: Recording, track: FlightTrack) -> Iterator[dict[str, An
             utc=moment(recording, time_s),
             time_s=time_s,
             seq=int(receiver.sequence[frame]),
-            d_m=nearest,
+            d_m=heard[0]["d_cm"] / 100 if heard else None,
             heard=heard,
         )

@@ -35,11 +35,6 @@ class ReceiverFit:
     doubts: Sequence[str]
     advice: Sequence[str]
 
-    @property
-    def unidentified(self) -> list[FittedValue]:
-        """The parameters that the flights do not determine."""
-        return [one for one in self.estimates.values() if not one.identified]
-
     def as_json(self) -> dict[str, Any]:
         """Return the fit as plain values."""
         return {

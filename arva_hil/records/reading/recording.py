@@ -185,11 +185,6 @@ class RecordedRun:
     def versions(self) -> Mapping[str, Any]:
         return mapping(self.json.get("versions"))
 
-    @property
-    def counters(self) -> Mapping[str, Any]:
-        """The counters of the run, without those of several vehicles; empty if it was killed."""
-        return mapping(self.json.get("counters"))
-
     def vehicle(self, name: str) -> Mapping[str, Any]:
         """Return the entry of one vehicle; `name` is "" in a record of one receiver."""
         return mapping(mapping(self.json.get("vehicles")).get(name)) if name else self.json

@@ -26,7 +26,10 @@ class KeptBytes(NamedTuple):
     @classmethod
     def of(cls, folder: Path) -> Iterator[KeptBytes]:
         """Iterate over the bytes of both links of a record, in time. Raises RecordingError."""
-        return heapq.merge(_packets(folder / TLOG), _chunks(folder), key=lambda one: one.time_us)
+        path = folder / TLOG
+        log = logged(path) if path.exists() and path.stat().st_size else ()
+        packets = (cls(time_us, AUTOPILOT, raw) for time_us, raw in log)
+        return heapq.merge(packets, _chunks(folder), key=lambda one: one.time_us)
 
 
 def play(kept: Iterator[KeptBytes], log: ReceiverLog, audience: Audience, epoch_us: int) -> None:
@@ -42,13 +45,6 @@ def play(kept: Iterator[KeptBytes], log: ReceiverLog, audience: Audience, epoch_
         audience.emit(log.events())
     log.advance(now, final=True)
     audience.emit(log.events())
-
-
-def _packets(path: Path) -> Iterator[KeptBytes]:
-    if not path.exists() or not path.stat().st_size:
-        return
-    for time_us, raw in logged(path):
-        yield KeptBytes(time_us, AUTOPILOT, raw)
 
 
 def _chunks(folder: Path) -> Iterator[KeptBytes]:

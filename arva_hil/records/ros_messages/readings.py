@@ -100,15 +100,18 @@ class RunMessages:
         transforms = []
         if made.pose is not None:
             pose = geometry.pose(made.pose.position, made.pose.rotation)
-            told.append(Publication(names.pose, stamp, ros.PoseStamped(world, pose)))
+            told.append(Publication(f"{names.arva}/pose", stamp, ros.PoseStamped(world, pose)))
             transforms.append(ros.TransformStamped(world, names.frame, geometry.transform(pose)))
             if datum:
                 lat, lon, alt = map(float, datum.lla(made.pose.position))
-                told.append(Publication(names.fix, stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
+                told.append(
+                    Publication(f"{names.arva}/fix", stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0))
+                )
         if made.reported_pose is not None and made.reported_pose is not made.pose:
             reported = geometry.pose(made.reported_pose.position, made.reported_pose.rotation)
-            told.append(Publication(names.reported_pose, stamp, ros.PoseStamped(world, reported)))
-        if self._may_draw(key, stamp):
+            told.append(Publication(f"{names.arva}/reported_pose", stamp, ros.PoseStamped(world, reported)))
+        if abs(stamp - self._shaped.get(key, -(2**63))) >= _SHAPES_S * 1e9:
+            self._shaped[key] = stamp
             if names.map != MAP and self.world and datum:
                 there_is = geometry.between(self.world, datum)
                 transforms.append(ros.TransformStamped(header(stamp, MAP), names.map, there_is))
@@ -117,7 +120,7 @@ class RunMessages:
                 pose = geometry.pose(place, rotation)
                 shapes += geometry.transmitter(world, id_, pose)
                 transforms.append(ros.TransformStamped(world, f"{names.transmitter}{id_}", geometry.transform(pose)))
-            told.append(Publication(names.visualization, stamp, ros.MarkerArray(shapes)))
+            told.append(Publication(f"{names.arva}/visualization", stamp, ros.MarkerArray(shapes)))
         if transforms:
             told.insert(0, Publication(TF, stamp, ros.TFMessage(transforms)))
         return told
@@ -127,8 +130,9 @@ class RunMessages:
         """All possible topics, with their message types."""
         topics: dict[str, type[ros.Message]] = {TF: ros.TFMessage, DIAGNOSTICS: ros.DiagnosticArray}
         for names in self._names.values():
-            topics |= {names.arva: ros.Arva, names.pose: ros.PoseStamped, names.fix: ros.NavSatFix}
-            topics |= {names.reported_pose: ros.PoseStamped, names.visualization: ros.MarkerArray}
+            topics |= {names.arva: ros.Arva, f"{names.arva}/pose": ros.PoseStamped, f"{names.arva}/fix": ros.NavSatFix}
+            topics[f"{names.arva}/reported_pose"] = ros.PoseStamped
+            topics[f"{names.arva}/visualization"] = ros.MarkerArray
         return topics
 
     def _of_status(self, report: StatusReport) -> list[Publication]:
@@ -149,12 +153,6 @@ class RunMessages:
         self._arrows[key] = frozenset(shown)
         arrows = [geometry.field(own, n, slot.id, slot.direction) for n, slot in shown.items()]
         return arrows + geometry.removed(own, geometry.FIELD, gone)
-
-    def _may_draw(self, key: tuple[str, str], stamp_ns: int) -> bool:
-        if abs(stamp_ns - self._shaped.get(key, -(2**63))) < _SHAPES_S * 1e9:
-            return False
-        self._shaped[key] = stamp_ns
-        return True
 
 
 def _placed(there: Transmitters | None) -> list[tuple[int, Array, Array]]:

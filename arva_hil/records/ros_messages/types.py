@@ -130,17 +130,13 @@ class ReceiverNames(NamedTuple):
     """The names for one receiver.
 
     `map`: the frame of its poses. `frame`: its own frame. `transmitter`: the prefix of the transmitters' frames, before
-    their ids. The others are topics.
+    their ids. `arva`: the topic of its readings, which begins the others.
     """
 
     map: str
     frame: str
     transmitter: str
     arva: str
-    pose: str
-    reported_pose: str
-    fix: str
-    visualization: str
 
 
 def names_of(receivers: Sequence[tuple[str, str]]) -> dict[tuple[str, str], ReceiverNames]:
@@ -174,14 +170,4 @@ def unique(names: Sequence[str]) -> dict[str, str]:
 
 
 def _names(prefix: str, world: str) -> ReceiverNames:
-    own = world.removesuffix(MAP)
-    return ReceiverNames(
-        world,
-        f"{prefix}arva_receiver",
-        f"{own}arva_data_",
-        f"/{prefix}arva",
-        f"/{prefix}arva/pose",
-        f"/{prefix}arva/reported_pose",
-        f"/{prefix}arva/fix",
-        f"/{prefix}arva/visualization",
-    )
+    return ReceiverNames(world, f"{prefix}arva_receiver", f"{world.removesuffix(MAP)}arva_data_", f"/{prefix}arva")

@@ -104,7 +104,10 @@ def rows(made: FrameMade, columns: int) -> tuple[str, str]:
 
     `columns`: the number of slots in frames.csv, which stays if a command changes the receiver's.
     """
-    pose = ",".join(_pose(made))
+    pose = "," * 5
+    if made.pose is not None:
+        angles = np.degrees(rotation.to_euler(made.pose.rotation)).tolist()
+        pose = ",".join(map(repr, (*made.pose.position.tolist(), *angles)))
     number, instant_s = str(made.frame.sequence), repr(made.instant_s)
     boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
     age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
@@ -130,13 +133,6 @@ def moment(time_s: float, epoch_us: int) -> str:
         return utc(epoch_us + round(time_s * 1e6))
     except (ValueError, OverflowError, OSError):
         return ""
-
-
-def _pose(made: FrameMade) -> list[str]:
-    if made.pose is None:
-        return [""] * 6
-    angles = np.degrees(rotation.to_euler(made.pose.rotation)).tolist()
-    return [repr(value) for value in (*made.pose.position.tolist(), *angles)]
 
 
 _MOST_BYTES: Final = 1 << 25  # text of a vehicle over days must not fill the disk
