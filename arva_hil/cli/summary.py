@@ -14,8 +14,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import RealClock, utc
 from arva_hil.config import Scenario, to_dict
 from arva_hil.emulator.datum import Datum
-from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
-from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.engine import EmulatedVehicle, Emulator
 from arva_hil.emulator.ports import Port
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.packet_reader import PacketReader

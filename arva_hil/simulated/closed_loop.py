@@ -11,8 +11,7 @@ from typing import NamedTuple
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Lla, ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
-from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.engine import EmulatedVehicle, Emulator
 from arva_hil.emulator.setup import VehicleSetup, one_vehicle, vehicle_setups
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch

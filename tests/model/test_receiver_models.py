@@ -14,7 +14,7 @@ from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import MountOptions, Noise, ReceiverOptions, Scenario, Transmitter, parse_fault
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.emulated_vehicle import Unit, make_unit
+from arva_hil.emulator.engine import Unit, make_unit
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.world import Snapshot
 from arva_hil.events import FrameMade

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from arva_hil.model.field.keying import KEYING_CLASSES
 from arva_hil.model.receiver.display import Display
-from arva_hil.model.receiver.listening import NoiseDraws
+from arva_hil.model.receiver.listening import normals
 from tools.figures.paper import MUTED, draw_all, title
 from tools.figures.sets import AXIS, EQUATOR, KAPPA_EQ, field, options, sets
 
@@ -25,13 +25,13 @@ def bounce(figure: Figure) -> None:
     figure.set_figheight(6)
     axes = figure.add_subplot()
     chosen = options(noise_na_m=SIGMA_NA_M, threshold_na_m=THRESHOLD_NA_M)
-    display, draws, random = Display(chosen, KAPPA_EQ), NoiseDraws(1), np.random.default_rng(1)
+    display, draws, random = Display(chosen, KAPPA_EQ), normals(1), np.random.default_rng(1)
     for n, (name, way) in enumerate((("on the axis", AXIS), ("beside", EQUATOR))):
         places = random.uniform(2, 90, 2000)
         shown = []
         for metres in places.tolist():
             signal = field(metres * np.asarray(way))
-            x, y, z = (signal + np.array(draws.draw(SIGMA_NA_M / chosen.scale_na_m))).tolist()
+            x, y, z = (signal + SIGMA_NA_M / chosen.scale_na_m * np.array(next(draws))).tolist()
             one = display.shown(0, (x, y, z))
             shown.append(one.d_cm / 100 if one else -1.0 - n)
         axes.scatter(places, shown, 5, lw=0, alpha=0.6, color=f"C{n}", label=name)

@@ -14,7 +14,7 @@ from arva_hil.model.field.keying import KEYING_CLASSES, Keying, KeyingClass, dra
 from arva_hil.model.field.medium import Medium
 from arva_hil.model.receiver import Answer
 from arva_hil.model.receiver.display import Display
-from arva_hil.model.receiver.listening import NoiseDraws
+from arva_hil.model.receiver.listening import normals
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from tools.figures.hovering import Hovering, transmitters
 
@@ -72,11 +72,11 @@ class Spread(NamedTuple):
 def shown_at(signal: Sequence[float], sigma_na_m: float, threshold_na_m: float, pulses: int, seed: int = 1) -> Spread:
     """Return the displayed values of pulses with noise. `signal`: at the antennas, in reference transmitters."""
     chosen = options(noise_na_m=sigma_na_m, threshold_na_m=threshold_na_m)
-    display, draws = Display(chosen, KAPPA_EQ), NoiseDraws(seed)
+    display, draws = Display(chosen, KAPPA_EQ), normals(seed)
     sigma = sigma_na_m / chosen.scale_na_m
     every = []
     for _ in range(pulses):
-        x, y, z = (value + noise for value, noise in zip(signal, draws.draw(sigma), strict=True))
+        x, y, z = (value + sigma * noise for value, noise in zip(signal, next(draws), strict=True))
         every.append(display.shown(0, (x, y, z)))
     d = np.array([one.d_cm / 100 for one in every if one])
     directions = np.array([one.delta_deg for one in every if one], float)

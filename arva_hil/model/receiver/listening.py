@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from random import Random
 from typing import ClassVar, Final, NamedTuple, Self
 
@@ -116,19 +116,11 @@ def _sum(parts: Sequence[_Part], random: Random) -> Vector:
     return x, y, z
 
 
-class NoiseDraws:
-    """Draws normal numbers for three antennas, from a seed. Remembers its generator."""
-
-    def __init__(self, seed: int) -> None:
-        self._rng = np.random.Generator(np.random.PCG64(seed))
-        self._drawn: list[list[float]] = []
-
-    def draw(self, sigma: float) -> Vector:
-        """Return the next three numbers, with this standard deviation."""
-        if not self._drawn:
-            self._drawn = self._rng.standard_normal((_BATCH, 3)).tolist()
-        x, y, z = self._drawn.pop()
-        return sigma * x, sigma * y, sigma * z
+def normals(seed: int) -> Iterator[Vector]:
+    """Yield normal numbers for three antennas, from a seed."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    while True:
+        yield from reversed(rng.standard_normal((_BATCH, 3)).tolist())
 
 
 class Listening:
@@ -146,7 +138,7 @@ class Listening:
         self._scale_na_m = options.scale_na_m
         self._sigma_na_m = 0.0 if off else options.sigma_na_m(settings.noise.floor_range_m)
         self._limit_na_m = noise_bound((1.0,), FLOOR_RANGE_M) * self._scale_na_m
-        self._draws = NoiseDraws(seed)
+        self._draws = normals(seed)
         self._given: tuple[Keying, ...] | None = None
         self._timeline = PulseTimeline((), 0.0)
         self._look: Look | None = None
@@ -215,7 +207,9 @@ class Listening:
         look = self._look
         assert look is not None
         sigma_na_m = math.hypot(self._sigma_na_m, (look.impairment or _SOUND).noise_na_m)
-        own = self._draws.draw(sigma_na_m / self._scale_na_m)
+        sigma = sigma_na_m / self._scale_na_m
+        x, y, z = next(self._draws)
+        own = sigma * x, sigma * y, sigma * z
         if look.noise is None or look.pose is None:
             self.interference = 3 * sigma_na_m > self._limit_na_m * (1 + 1e-9)
             return own
