@@ -88,7 +88,6 @@ def _lines(node: yaml.Node, key: Key = ()) -> Iterator[tuple[Key, int]]:
 
 _IN_THE_SCENARIO: Final = ("rate", "format", "seed", "fault", "json", "sources")
 _COMMENT_AT: Final = 42  # the column of comments, where values leave room for it
-_NONE: Final = "none"
 
 
 def main(options: argparse.Namespace) -> None:
@@ -107,7 +106,7 @@ def main(options: argparse.Namespace) -> None:
     show(
         "# Options of `arva-hil run`. Weakest first: default, file, environment, command line.",
         *(
-            _beside(f"#   {name} {_NONE if value is None else value}", origin)
+            _beside(f"#   {name} {'none' if value is None else value}", origin)
             for name, value, origin in _options(options)
         ),
         "# The scenario:",

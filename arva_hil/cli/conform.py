@@ -47,13 +47,12 @@ def main(options: argparse.Namespace) -> int:
     failed = sum(bool(verdict.why) for verdict in verdicts)
     show(f"{len(verdicts) - failed} of {len(verdicts)} clauses hold")
     if options.junit:
-        _write_junit(options.junit, verdicts)
+        _write_junit(options.junit, verdicts, failed)
     return FAILED if failed else OK
 
 
-def _write_junit(path: str, verdicts: Sequence[Verdict]) -> None:
+def _write_junit(path: str, verdicts: Sequence[Verdict], failed: int) -> None:
     """Write the results as JUnit XML. Raises UsageError."""
-    failed = sum(bool(verdict.why) for verdict in verdicts)
     suite = ElementTree.Element("testsuite", name="arva-hil conform", tests=str(len(verdicts)), failures=str(failed))
     for clause, why in verdicts:
         case = ElementTree.SubElement(suite, "testcase", classname=f"PROTOCOL.md.{clause.section}", name=clause.name)

@@ -260,12 +260,12 @@ def numbers(
             values = ()
         if optional and len(values) == len(ranges) - optional:
             values += (0.0,) * optional
-        if names and len(values) == len(ranges):
-            for name, value, (low, high) in zip(names, values, ranges, strict=True):
-                if not low <= value <= high:
-                    raise ValueError(f"{text!r}: {name} {value:g} is out of range ({low:g}…{high:g})")
-        if len(values) != len(ranges) or not all(a <= v <= b for v, (a, b) in zip(values, ranges, strict=True)):
+        if len(values) != len(ranges):
             raise ValueError(f"{text!r}: expected {expected}")
+        for number, (value, (low, high)) in enumerate(zip(values, ranges, strict=True)):
+            if not low <= value <= high:
+                wrong = f"{names[number]} {value:g} is out of range ({low:g}…{high:g})" if names else ""
+                raise ValueError(f"{text!r}: {wrong or f'expected {expected}'}")
         return values
 
     return convert

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -60,7 +60,7 @@ def main(options: argparse.Namespace) -> int:
         printer = Printer(sys.stderr)
         stack.callback(printer.close)
         live = Live(log, links, {}, Audience([printer, recorder]))
-        watch = _Watch(log, options.format, printer)
+        watch = _Watch(log, options.format, printer, clock.now())
         end = Ending(log, recorder, known, options.format)
         try:
             interrupted = common.attend(
@@ -132,18 +132,18 @@ def recorded_in(folder: str, epoch_us: int, known: dict[str, Any], *, patient: b
     return Recorder(Path(folder), epoch_us, known, layout=RecordLayout(real=True), patient=patient)
 
 
+@dataclass(frozen=True)
 class Ending:
     """The end of a record: its gaps, and run.json."""
 
-    def __init__(self, log: ReceiverLog, recorder: Recorder, known: dict[str, Any], format: str) -> None:
-        self._log = log
-        self._recorder = recorder
-        self._known = known
-        self._format = format
+    log: ReceiverLog
+    recorder: Recorder
+    known: dict[str, Any]
+    format: str
 
     def finish(self, code: int, counts: dict[str, int]) -> int:
         """Close the record and print its content. Returns the exit code; raises Failure if something is missing."""
-        log, made, d = self._log, self._log.made, self._log.received.decoder
+        log, made, d = self.log, self.log.made, self.log.received.decoder
         lacks = self._lacks()
         if lacks and code == OK:
             code = NO_LINK if log.missing else FAILED
@@ -158,24 +158,24 @@ class Ending:
 
     def close(self, code: int, how: str, counts: dict[str, int]) -> None:
         """Close the record. Raises Failure if it is not whole."""
-        log = self._log
+        log = self.log
         entries = vehicle_entries(log.session.vehicle, log.world.datum)
         try:
-            self._recorder.close(
-                {"ended": how, "exit_code": code, **self._known, **entries, "counters": {**log.counts(), **counts}}
+            self.recorder.close(
+                {"ended": how, "exit_code": code, **self.known, **entries, "counters": {**log.counts(), **counts}}
             )
         except RecordError as error:
             raise Failure(FAILED, error) from None
 
     def _lacks(self) -> list[str]:
-        log = self._log
+        log = self.log
         lacks = []
         if log.session.vehicle is None:
             lacks.append(f"no poses: {no_vehicle(log.session.why_no_vehicle())}")
         elif log.made.frames and log.made.no_pose == log.made.frames:
             lacks.append("frames without poses: the autopilot has sent no position and attitude with home")
         if not log.made.frames:
-            lacks.append(f"poses without frames: {doubt(log, self._format)}" if not lacks else doubt(log, self._format))
+            lacks.append(f"poses without frames: {doubt(log, self.format)}" if not lacks else doubt(log, self.format))
         return lacks
 
 
@@ -192,15 +192,14 @@ class _Watch:
 
     links: tuple[Link, ...] = ()
 
-    def __init__(self, log: ReceiverLog, format: str, printer: Printer) -> None:
+    def __init__(self, log: ReceiverLog, format: str, printer: Printer, start: float) -> None:
         self._log = log
         self._format = format
         self._printer = printer
-        self._until: float | None = None
+        self._until = start + _SILENT_S
 
     def service(self, clock: Clock) -> float:
         now = clock.now()
-        self._until = now + _SILENT_S if self._until is None else self._until
         if now >= self._until:
             self._until = float("inf")
             if not self._log.received.decoder.good:

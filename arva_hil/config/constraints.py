@@ -297,16 +297,20 @@ def read_each(items: Sequence[Any], reads: Iterable[Callable[[Any], Any]]) -> tu
     return values, violations
 
 
+@dataclass(frozen=True)
 class NamedFile(Constraint):
-    """The name of a file, from the folder of the file that names it; in Python also its content."""
+    """The name of a file, from the folder of the file that names it; in Python also its content.
 
-    def content(self, value: Any) -> Any:
-        """Return a value that is no name; None for others."""
-        raise NotImplementedError
+    `content`: returns a value that is no name, None for others. `load`: returns the content of the file at a path;
+    raises ScenarioError with the first mistake.
+    """
 
-    def load(self, path: str) -> Any:
-        """Return the content of a file. Raises ScenarioError with the first mistake."""
-        raise NotImplementedError
+    what: str
+    content: Callable[[Any], Any]
+    load: Callable[[str], Any]
+
+    def __str__(self) -> str:
+        return self.what
 
     def read(self, value: Any) -> Any:
         if (content := self.content(value)) is not None:

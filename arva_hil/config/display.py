@@ -15,25 +15,27 @@ _HEAD: Final = "h_na_m,d_m"
 _LARGEST: Final = 1 << 20  # bytes
 
 
-class _LawFile(NamedFile):
-    def __str__(self) -> str:
-        return f"a CSV file with the columns {_HEAD}"
+_WHAT: Final = f"a CSV file with the columns {_HEAD}"
 
-    def content(self, value: Any) -> "DisplayLaw | None":
-        from arva_hil.model.receiver.display import DisplayLaw  # slow to import
 
-        return value if isinstance(value, DisplayLaw) else None
+def _law(value: Any) -> "DisplayLaw | None":
+    from arva_hil.model.receiver.display import DisplayLaw  # slow to import
 
-    def load(self, path: str) -> "DisplayLaw":
-        from arva_hil.config.reading import read_text  # slow to import
+    return value if isinstance(value, DisplayLaw) else None
 
-        return parse_law(read_text(path, str(self), _LARGEST), path)
+
+def _load_law(path: str) -> "DisplayLaw":
+    from arva_hil.config.reading import read_text  # slow to import
+
+    return parse_law(read_text(path, _WHAT, _LARGEST), path)
 
 
 class DisplayOptions(Table):
     """The display of a receiver of pulses."""
 
-    table: Any = key(_LawFile(), "measured: d [m] over the field [nA/m] at the antennas that count")
+    table: Any = key(
+        NamedFile(_WHAT, _law, _load_law), "measured: d [m] over the field [nA/m] at the antennas that count"
+    )
 
 
 def parse_law(text: str, source: str) -> "DisplayLaw":

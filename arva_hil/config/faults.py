@@ -150,21 +150,16 @@ class FaultItem(Constraint):
         return plain_fault(value)
 
     def json(self) -> dict[str, Any]:
-        every = []
-        for name in FAULTS.names():
-            kind: FaultKind = FAULTS[name]
-            helps = {key: one.help for key, one in Fault.__table__.items()} | {name: kind.help}
-            properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
-            properties |= {key: one.json() for key, one in own_keys(kind.options).items()}
-            every.append(
-                {
-                    "type": "object",
-                    "properties": properties,
-                    "required": [name, *kind.needs],
-                    "additionalProperties": False,
-                }
-            )
-        return {"oneOf": every}
+        return {"oneOf": [_schema(name, FAULTS[name]) for name in FAULTS.names()]}
+
+
+def _schema(name: str, kind: FaultKind) -> dict[str, Any]:
+    """Return the JSON Schema of one fault."""
+    helps = {key: one.help for key, one in Fault.__table__.items()} | {name: kind.help}
+    properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
+    properties |= {key: one.json() for key, one in own_keys(kind.options).items()}
+    required = [name, *kind.needs]
+    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
 
 
 def _keys(name: str) -> dict[str, Constraint]:

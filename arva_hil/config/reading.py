@@ -95,7 +95,11 @@ class _Loader(yaml.BaseLoader):
             found, expected = f"the alias *{short(str(event.anchor))}", "the value itself"
         elif self._depth == _DEEPEST:
             self._problems.fail(event.start_mark, f"more than {_DEEPEST} levels", "fewer")
-        elif parent is not None and len(parent.value) >= _MOST_PARTS and _is_part(parent, event):
+        elif (
+            parent is not None
+            and len(parent.value) >= _MOST_PARTS
+            and (isinstance(parent, yaml.MappingNode) or isinstance(event, yaml.MappingStartEvent))
+        ):
             what = "keys" if isinstance(parent, yaml.MappingNode) else "mappings in a list"
             self._problems.fail(event.start_mark, f"more than {_MOST_PARTS} {what}", "fewer")
         else:
@@ -108,10 +112,6 @@ class _Loader(yaml.BaseLoader):
             found, expected = f"the tag {short(tag)!r}", "a value without a tag"
         self._problems.add(event.start_mark, found, expected)
         return yaml.ScalarNode(_REFUSED, "", event.start_mark, event.end_mark)
-
-
-def _is_part(parent: yaml.Node, event: yaml.Event) -> bool:
-    return isinstance(parent, yaml.MappingNode) or isinstance(event, yaml.MappingStartEvent)
 
 
 def keys_in(text: str) -> set[str]:

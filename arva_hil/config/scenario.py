@@ -18,7 +18,7 @@ from arva_hil.config.faults import Fault, FaultItem, misfit
 from arva_hil.config.profiles import located, take_over
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.tables import Given, Table, TableOf, duplicates, items_of, key, keys, newer_keys, valid_value
-from arva_hil.config.terrain import Terrain, ground_conflicts
+from arva_hil.config.terrain import TERRAIN, ground_conflicts
 from arva_hil.config.transmitter import Lla, MediumOptions, Transmitter
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
 
@@ -89,7 +89,7 @@ class Scenario(Table):
     medium: MediumOptions | None = key(
         help="the medium between transmitters and receivers; default: air", since=2, default=None
     )
-    terrain: Any = key(Terrain(), "the ground: an ESRI ASCII grid, or the autopilot's data", since=2, default=None)
+    terrain: Any = key(TERRAIN, "the ground: an ESRI ASCII grid, or the autopilot's data", since=2, default=None)
 
     def __post_init__(self, spec: int, output: OutputOptions | None) -> None:
         if output is not None:

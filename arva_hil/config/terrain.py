@@ -22,21 +22,13 @@ _MOST: Final = 10_000  # rows, columns
 _HEADER: Final = ("ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value")
 
 
-class Terrain(NamedFile):
-    """The name of a file, from the scenario's folder, or `autopilot`; in Python also a `TerrainGrid`."""
+def _ground(value: Any) -> "TerrainGrid | str | None":
+    """Return a grid, or `autopilot`; None for the name of a file."""
+    from arva_hil.model.field.terrain import TerrainGrid  # slow to import
 
-    def __str__(self) -> str:
-        return "a file of heights, or autopilot"
-
-    def content(self, value: Any) -> "TerrainGrid | str | None":
-        from arva_hil.model.field.terrain import TerrainGrid  # slow to import
-
-        if value == AUTOPILOT:
-            return AUTOPILOT
-        return value if isinstance(value, TerrainGrid) else None
-
-    def load(self, path: str) -> "TerrainGrid":
-        return load_grid(path)
+    if value == AUTOPILOT:
+        return AUTOPILOT
+    return value if isinstance(value, TerrainGrid) else None
 
 
 def ground_conflicts(of: Any) -> Iterator[Violation]:
@@ -126,3 +118,6 @@ def parse_grid(text: str, source: str) -> "TerrainGrid":
         raise fail(number + int(rows) + 1, "more heights", f"{rows:g} rows, as nrows says")
     north = south + (rows - 1) * cell
     return TerrainGrid(os.path.abspath(source), north, west, cell, int(rows), int(columns), heights.tobytes())
+
+
+TERRAIN: Final = NamedFile("a file of heights, or autopilot", _ground, load_grid)

@@ -9,11 +9,9 @@ from arva_hil.cli.options import CommandParser, module_name
 
 def arguments_of(command: str) -> Callable[[CommandParser], None]:
     """Return the function that adds the options of one of our own commands to its parser."""
-    from arva_hil.cli.arguments import others, records, runs, searches  # slow to import, and not needed before
+    from arva_hil.cli.arguments import files, runs, searches  # slow to import, and not needed before
 
-    found: Callable[[CommandParser], None] = (vars(runs) | vars(searches) | vars(records) | vars(others))[
-        module_name(command)
-    ]
+    found: Callable[[CommandParser], None] = (vars(runs) | vars(searches) | vars(files))[module_name(command)]
     return found
 
 

@@ -7,6 +7,7 @@ from typing import Final
 
 from arva_hil.cli.arguments import shared
 from arva_hil.cli.options import CommandParser, link, number, numbers, option, speed, whole
+from arva_hil.config.ranges import LARGEST_SEED
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.simulated import HOME
 
@@ -194,3 +195,57 @@ def failsafe(text: str) -> tuple[str, float]:
     except ValueError:
         expected = f"expected NAME@SECONDS, where NAME is one of {', '.join(FAILSAFES)}"
         raise ValueError(f"{text!r}: {expected}, e.g. battery@30") from None
+
+
+def range_test(parser: CommandParser) -> None:
+    """Carry the scenario's receiver towards its first transmitter, several times, and print its range.
+
+    In three couplings: coaxial, turned by 90°, and with the dipole upright. Only stable signals count, as in the tests
+    of receivers: a single signal from farther away does not. With --out it also writes range-test.txt, .csv and .png
+    to a folder.
+    """
+    parser.options(
+        option(
+            "--scenario FILE",
+            "scenario (YAML), or builtin:NAME, for its receivers and the strength of its first transmitter",
+        ),
+        option("--seed N", "seed of the first walk", whole(0, LARGEST_SEED)),
+        option("--walks N", "walks in each coupling", whole(1, 1000), 10, environment=False),
+        option(
+            "--height M",
+            "height of the receiver above the transmitter",
+            number(0, 100, " of m"),
+            3.0,
+            environment=False,
+            dest="range_height",
+        ),
+        option(
+            "--speed M/S", "walking speed", number(0.1, 30, " of m/s"), 1.0, environment=False, dest="walking_speed"
+        ),
+        option(
+            "--stable S",
+            "a signal without a gap for this time is stable",
+            number(0, 1000, " of s"),
+            10.0,
+            environment=False,
+        ),
+        option("--out DIR", "folder for the data sheet and its picture"),
+        option("--json", "print the data sheet as a JSON object for each receiver"),
+    )
+
+
+def conform(parser: CommandParser) -> None:
+    """Judge your decoder of binary frames by each clause of PROTOCOL.md.
+
+    The command reads bytes on stdin, prints one JSON line for each valid frame and channel, flushes it, and ends when
+    its input ends:
+    {"seq": 0, "slot": 1, "id": 1, "zone": 1, "d_cm": 1905, "delta_deg": 22}
+    """
+    parser.add_argument("command", metavar="COMMAND", nargs="*", help="the decoder and its arguments, after --")
+    parser.options(
+        option("--junit FILE", "write the results as JUnit XML, too"),
+        option("--list", "list the clauses, and judge nothing"),
+        option("--only CLAUSE", "judge this clause; may be given again", str, action="append"),
+        option("--pty", "the command opens the port named in $ARVA_PORT, instead of reading stdin"),
+        option("--timeout S", "patience with the command", number(0.5, 600, " of s"), 5.0),
+    )

@@ -1,8 +1,9 @@
-"""Options of the commands that search: each function adds those of one command."""
+"""Options of the commands that fly a search: each function adds those of one command."""
 
 from __future__ import annotations
 
 import math
+import re
 from typing import Final
 
 from arva_hil.cli.arguments import shared
@@ -34,6 +35,22 @@ def area(text: str) -> tuple[float, ...]:
     if not (south < north and west < east):
         raise ValueError(f"{text!r}: expected {_AREA}")
     return south, west, north, east
+
+
+def scheduler(text: str) -> str:
+    """Convert the address of a Dask scheduler."""
+    if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", text):
+        raise ValueError(f"{text!r}: expected an address such as tcp://192.168.1.5:8786")
+    return text
+
+
+def shard(text: str) -> tuple[int, int]:
+    """Convert K/N, with K from 1 to N."""
+    match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+    k, n = map(int, match.groups()) if match else (0, 0)
+    if not 1 <= k <= n:
+        raise ValueError(f"{text!r}: expected K/N with K from 1 to N, e.g. 3/100")
+    return k, n
 
 
 mount = numbers(
@@ -203,3 +220,29 @@ def demo(parser: CommandParser) -> None:
     parser.group("search", *PLAN)
     parser.group("scenario", *shared.SCENARIO)
     parser.group("output", *shared.common_options(web="on, with --headless off"))
+
+
+def campaign(parser: CommandParser) -> None:
+    """Fly a plan of many trials, on all cores or a cluster, and compare the strategies.
+
+    Each result is saved in DIR/results.sqlite at once. At the end results.csv and report.html are written too.
+    The same command continues a campaign that was stopped.
+    """
+    parser.add_argument(
+        "plan",
+        metavar="PLAN.yaml",
+        help="plan of the campaign, or a built-in one such as builtin:campaigns/paper: see arva-hil scenarios",
+    )
+    parser.options(
+        option("--out DIR", "folder of the results and the report; default: PLAN-results"),
+        option("--jobs N", "number of processes; default: one for each core", whole(1, 1024)),
+        option("--scheduler tcp://HOST:PORT", "run on a Dask cluster instead", scheduler),
+        option(
+            "--shard K/N",
+            "fly only part K of N of the plan, every N-th seed; default folder: PLAN-results-K-of-N",
+            shard,
+        ),
+        option("--merge DIR", "fly nothing: copy the results of these folders and write the report", nargs="+"),
+        option("--dry-run", "list the trials, without flying or writing"),
+        option("--json", "print a JSON object for each trial on stdout"),
+    )

@@ -1,4 +1,4 @@
-"""Options of the commands that read records: each function adds those of one command."""
+"""Options of the commands that read files: each function adds those of one command."""
 
 from __future__ import annotations
 
@@ -154,3 +154,38 @@ def view(parser: CommandParser) -> None:
         ),
         shared.DURATION,
     )
+
+
+def check(parser: CommandParser) -> None:
+    """Validate scenario files, plans of campaigns and profiles.
+
+    Prints every mistake with line and column, or a summary.
+    """
+    parser.add_argument("files", nargs="*", metavar="FILE", help="scenario, plan of a campaign or profile (YAML)")
+    parser.options(
+        option(
+            "--schema",
+            "print the JSON Schema of these files for editors instead; default: scenario",
+            environment=False,
+            const="scenario",
+            choices=("scenario", "campaign", "receiver", "transmitter"),
+        )
+    )
+
+
+def scenarios(parser: CommandParser) -> None:
+    """List the built-in scenarios and campaign plans. Use one with --scenario builtin:NAME."""
+    parser.options(option("--json", "print a JSON object for each file"))
+
+
+def completion(parser: CommandParser) -> None:
+    """Print a script that completes commands, options and file names in a shell.
+
+    bash, in ~/.bashrc:
+      eval "$(arva-hil completion bash)"
+    zsh, with ~/.zfunc in $fpath before compinit:
+      arva-hil completion zsh > ~/.zfunc/_arva-hil
+    fish:
+      arva-hil completion fish > ~/.config/fish/completions/arva-hil.fish
+    """
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")
