@@ -114,15 +114,13 @@ def test_a_read_that_waits_lets_virtual_time_pass() -> None:
 
 def test_a_command_of_the_host_is_answered() -> None:
     with Bench(port="memory") as bench:
-        serial = bench.serial()
-        serial.write(encode_command(Command(7, "channels", (2,))))
+        bench.serial().write(encode_command(Command(7, "channels", (2,))))
         assert [len(one.frame.channels) for one in bench.advance(3)][-1] == 2
 
 
 def test_in_real_time_frames_come_by_themselves_and_advance_is_refused() -> None:
     with Bench(port="memory", clock="real") as bench:
-        serial = bench.serial(timeout=5)
-        assert len(serial.read(33)) == 33
+        assert len(bench.serial(timeout=5).read(33)) == 33
         with pytest.raises(BenchError, match="advance: this bench has a real clock"):
             bench.advance(1)
         assert bench.truth().ned == (0.0, 0.0, -3.0)
@@ -133,8 +131,7 @@ def test_the_built_in_vehicle_can_be_flown_over_a_link_of_its_own(monkeypatch: p
     near, far = memory.pair()
     monkeypatch.setattr("arva_hil.bench.bench.open_link", lambda address, clock: near)
     with Bench(port="memory", autopilot="tcpin:127.0.0.1:5760") as bench:
-        made = bench.advance(5)
-        assert made[-1].pose is not None
+        assert bench.advance(5)[-1].pose is not None
         assert Parser().feed(far.read())
         with pytest.raises(BenchError, match="flies itself"):
             bench.place_vehicle(0, 0, 0)

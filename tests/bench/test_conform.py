@@ -24,16 +24,14 @@ Run = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def conform(capfd: pytest.CaptureFixture[str]) -> Run:
     def run(*arguments: str) -> tuple[int, str, str]:
-        code = main(["conform", *arguments])
-        return code, *capfd.readouterr()
+        return main(["conform", *arguments]), *capfd.readouterr()
 
     return run
 
 
 @pytest.fixture(scope="module")
 def in_c(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    made = once(tmp_path_factory, "decoder-in-c", lambda folder: mutants.command(None, "c", folder))
-    return [str(made / "decoder")]
+    return [str(once(tmp_path_factory, "decoder-in-c", lambda folder: mutants.command(None, "c", folder)) / "decoder")]
 
 
 def test_every_clause_names_a_section_of_the_protocol() -> None:
@@ -64,8 +62,7 @@ def test_there_are_60_mistakes_and_each_is_at_one_place(tmp_path: Path) -> None:
     assert len({one.name for one in mutants.MUTANTS}) == 60
     names = {clause.name for clause in clauses()}
     for one in mutants.MUTANTS:
-        text = (ROOT / "firmware_proto" / one.file).read_text(encoding="utf-8")
-        assert text.count(one.old) == 1, one.name
+        assert (ROOT / "firmware_proto" / one.file).read_text(encoding="utf-8").count(one.old) == 1, one.name
         assert one.clause in names
 
 
@@ -122,7 +119,6 @@ def test_no_program_that_a_decoder_started_is_left(tmp_path: Path) -> None:
     (clause,) = (one for one in clauses() if one.name == "empty")
     os.mkfifo(tmp_path / "held")
     with open(os.open(tmp_path / "held", os.O_RDONLY | os.O_NONBLOCK), "rb") as held:
-        script = f"sleep 60 >{tmp_path}/held & cat >/dev/null"
-        assert not judge(clause, ["sh", "-c", script], patience_s=60).why
+        assert not judge(clause, ["sh", "-c", f"sleep 60 >{tmp_path}/held & cat >/dev/null"], patience_s=60).why
         assert select.select([held], [], [], 10)[0]
         assert held.read(1) == b""  # nobody writes

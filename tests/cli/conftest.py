@@ -74,8 +74,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 @pytest.fixture
 def arva(request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]) -> Arva:
     """The program, in this process."""
-    drawn = request.node.get_closest_marker("undrawn") is None
-    return Arva(capsys, nullcontext if drawn else undrawn)
+    return Arva(capsys, undrawn if request.node.get_closest_marker("undrawn") else nullcontext)
 
 
 @pytest.fixture

@@ -42,8 +42,7 @@ def entries(path: Path) -> Iterator[Entry]:
         if part.startswith(b"=== "):
             head, *rest = part.decode().splitlines(keepends=True)
             answers = [line[3:].rstrip("\n") for line in rest if line.startswith("#> ")]
-            body = part.split(b"\n", 1 + len(answers))[-1]
-            yield Entry(head[4:].strip(), answers, body)
+            yield Entry(head[4:].strip(), answers, part.split(b"\n", 1 + len(answers))[-1])
 
 
 def params(found: dict[str, list[Entry]]) -> list[Any]:

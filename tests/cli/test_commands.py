@@ -55,8 +55,7 @@ FRAMES = [Frame(n, 1, (Channel(7, 1, 1234 + n, -15), Channel())) for n in range(
 
 
 def test_listen_prints_what_a_file_of_frames_says(arva: Arva, tmp_path: Path) -> None:
-    file = written(tmp_path / "frames.bin", b"".join(map(encode, FRAMES)) + b"tail")
-    _, out, err = arva("listen", file)
+    _, out, err = arva("listen", written(tmp_path / "frames.bin", b"".join(map(encode, FRAMES)) + b"tail"))
     assert out.splitlines() == [f"{n:3d}  #7 mid {1234 + n} cm -15°" for n in range(5)]
     assert "5 frames, 0 lost, 0 bad checksums, 4 bytes dropped" in err
 
@@ -72,8 +71,7 @@ def test_listen_hears_a_port_until_it_has_heard_enough(start: Start, line: PtyLi
 
 
 def test_listen_says_once_that_nothing_comes_and_ends_in_time(start: Start, line: PtyLink) -> None:
-    program = start("listen", line.path, "--duration", 2.5)
-    assert program.ends().count("no frame for 2 s") == 1
+    assert start("listen", line.path, "--duration", 2.5).ends().count("no frame for 2 s") == 1
 
 
 def test_listen_fails_when_the_port_goes(start: Start, tmp_path: Path) -> None:
@@ -217,8 +215,7 @@ def test_the_demo_without_pseudo_terminals_says_what_else_there_is(arva: Arva, m
         raise OSError(errno.ENOSPC, "out of pty devices")
 
     monkeypatch.setattr("os.openpty", none)
-    done = arva("demo", code=3)
-    says(done.err, "no pseudo-terminal", "--speed max")
+    says(arva("demo", code=3).err, "no pseudo-terminal", "--speed max")
 
 
 # -- `arva-hil listen` of bytes in another format than it was told, and of the end of a file -------------------
@@ -246,8 +243,7 @@ def test_a_file_has_all_its_frames_the_last_one_too(arva: Arva, tmp_path: Path, 
 )
 def test_a_file_of_another_format_is_named_and_an_error(arva: Arva, tmp_path: Path, format: str, asked: str) -> None:
     (tmp_path / "frames").write_bytes(data := sent_as(format))
-    err = arva.refused("listen", tmp_path / "frames", "--format", asked, code=1)
-    said = err.splitlines()[-1]
+    said = arva.refused("listen", tmp_path / "frames", "--format", asked, code=1).splitlines()[-1]
     assert said == f"arva-hil: no {asked} frame in {len(data)} bytes: the bytes are {format}: --format {format}"
 
 
@@ -486,8 +482,7 @@ def test_a_service_is_ready_before_a_vehicle_is_heard_and_says_that_it_lives_unt
 
 
 def test_a_service_whose_port_is_not_there_was_never_ready(start: Start, manager: Manager) -> None:
-    program = start("--autopilot", "pty", "--port", "/dev/ttyNONE7")
-    program.ends(3)
+    start("--autopilot", "pty", "--port", "/dev/ttyNONE7").ends(3)
     assert manager.heard() == []
 
 
@@ -537,8 +532,7 @@ def test_the_record_of_each_start_has_a_folder_of_its_own() -> None:
     said = subprocess.run(
         [shell, flag, f"printf '%s\\n' {script}"], env=environment, capture_output=True, text=True, check=True
     )
-    folder = options(said.stdout.splitlines(), {})["record"]
-    assert re.fullmatch(r"/var/lib/arva-hil/\d{8}T\d{6}Z-01234567", folder)
+    assert re.fullmatch(r"/var/lib/arva-hil/\d{8}T\d{6}Z-01234567", options(said.stdout.splitlines(), {})["record"])
 
 
 def test_the_unit_knows_how_the_program_ends_and_waits_for_its_word() -> None:
@@ -565,8 +559,7 @@ def test_the_image_is_made_of_what_is_there() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     project_files = {"pyproject.toml", "hatch_build.py", "README.md", *project["project"]["license-files"]}
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
-    packages = {*wheel["packages"], *wheel["force-include"]}
-    assert set(copied) == project_files | packages
+    assert set(copied) == project_files | {*wheel["packages"], *wheel["force-include"]}
     assert ["ENTRYPOINT", *[f'["{name}"]' for name in project["project"]["scripts"]]] in lines
     bases = {line[1] for line in lines if line[:1] == ["FROM"]}
     assert len(bases) == 1

@@ -159,8 +159,7 @@ def test_a_folder_that_holds_a_search_or_a_record_stays_as_it_is(arva: Arva, tmp
 
 
 def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) -> None:
-    err = arva.refused(*MAX, "--format", "tunnel")
-    says(err, "--format tunnel", "choose binary, nmea or text")
+    says(arva.refused(*MAX, "--format", "tunnel"), "--format tunnel", "choose binary, nmea or text")
 
 
 def test_an_error_of_the_estimate_is_refused_where_the_vehicle_tells_the_truth(arva: Arva, tmp_path: Path) -> None:

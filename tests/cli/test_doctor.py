@@ -95,8 +95,7 @@ def examine(arva: Arva) -> Callable[..., Findings]:
     """`examine(arguments…, code=…, fails=…)`: the findings, of which just these checks fail."""
 
     def call(*arguments: object, listen: float = 0.3, code: int = 3, fails: tuple[str, ...] = ()) -> Findings:
-        words = ("--listen", listen, "--stream-rate", 20, "--json")
-        ended = arva("doctor", *arguments, *words, code=(0, 1, 3), speed=1.0)
+        ended = arva("doctor", *arguments, "--listen", listen, "--stream-rate", 20, "--json", code=(0, 1, 3), speed=1.0)
         assert "Traceback" not in ended.err
         findings = {said["check"]: said for said in map(json.loads, ended.out.splitlines())}
         assert list(findings)[-1] == "verdict"
@@ -226,8 +225,7 @@ def test_instead_of_a_port_that_is_not_there_the_one_on_usb_is_named(
     examine: Examine, autopilot: Autopilot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doctor, "list_ports", lambda: [SerialPort("/dev/ttyUSB7", vid=0x0403, pid=0x6001)])
-    words = ("--autopilot", autopilot.address, "--port", "/dev/ttyUSB77")
-    said = examine(*words, listen=HEALTHY_S, fails=("port",))
+    said = examine("--autopilot", autopilot.address, "--port", "/dev/ttyUSB77", listen=HEALTHY_S, fails=("port",))
     assert f"--autopilot {autopilot.address} --port /dev/ttyUSB7 " in said["verdict"]["cure"]
 
 
@@ -526,8 +524,7 @@ def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink
 
 def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:
     consumer = PtyLink()
-    port = keep(open_serial(consumer.path))
-    port_probe = PortProbe(encoded, port, parse(consumer.path), 0.0)
+    port_probe = PortProbe(encoded, keep(open_serial(consumer.path)), parse(consumer.path), 0.0)
     consumer.close()
     port_probe.service(RealClock())
     assert diagnosis.frames(port_probe.traffic(), "binary").found.startswith(f"{consumer.path}: lost: ")

@@ -121,8 +121,7 @@ def test_ctrl_c_once_is_enough_when_stdout_is_not_read(
     start: Start, autopilot: Autopilot, stuck: int, tmp_path: Path
 ) -> None:
     record = tmp_path / "record"
-    arguments = ("--port", "-", "--autopilot", autopilot.address, "--rate", 20, "--record", record)
-    program = start(*arguments, stdout=stuck)
+    program = start("--port", "-", "--autopilot", autopilot.address, "--rate", 20, "--record", record, stdout=stuck)
     program.says("no program takes the frames")
     program.stops(signal.SIGINT)
     counters = json.loads((record / "run.json").read_bytes())["counters"]
@@ -225,8 +224,7 @@ def test_a_broken_pipe_of_frames_ends_the_run_and_its_record_is_whole(
 ) -> None:
     reader, writer = os.pipe()
     record = tmp_path / "record"
-    arguments = ("--port", "-", "--autopilot", autopilot.address, "--rate", 50, "--record", record)
-    program = start(*arguments, stdout=writer)
+    program = start("--port", "-", "--autopilot", autopilot.address, "--rate", 50, "--record", record, stdout=writer)
     os.close(writer)
     program.says("readings are real")
     read = os.read(reader, 65536)
@@ -513,8 +511,7 @@ def test_whatever_is_closed_nothing_but_frames_is_on_the_port(
     start: Start, keep: Keep, line: PtyLink, which: str
 ) -> None:
     autopilot = keep(Autopilot(keep(PtyLink()), speed=1.0))
-    arguments = ("--port", line.path, "--autopilot", autopilot.address, "--rate", 20, "-v")
-    program = start(*arguments, **shut(which))
+    program = start("--port", line.path, "--autopilot", autopilot.address, "--rate", 20, "-v", **shut(which))
     read_frames(line, 10)
     program.stops(signal.SIGINT)
     assert bytes(autopilot.heard).count(b"arva-hil") == 0
@@ -554,13 +551,11 @@ def ends_quietly(start: Start, which: str, arguments: list[Any], code: int) -> N
     ],
 )
 def test_data_for_a_stdout_that_is_closed_are_refused(start: Start, arguments: list[Any], what: str) -> None:
-    program = start(*arguments, **shut(">&-"))
-    assert program.ends(2) == f"arva-hil: {what}\n"
+    assert start(*arguments, **shut(">&-")).ends(2) == f"arva-hil: {what}\n"
 
 
 def test_a_closed_stdin_is_at_its_end(start: Start) -> None:
-    program = start("listen", "-", **shut("<&-"))
-    assert program.ends().startswith("0 frames, ")
+    assert start("listen", "-", **shut("<&-")).ends().startswith("0 frames, ")
 
 
 # -- the environment ---------------------------------------------------------------------------------------

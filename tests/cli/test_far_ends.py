@@ -58,8 +58,7 @@ def test_a_terminal_without_a_symlink_is_not_closed_while_a_program_may_look_for
     start: Start, line: PtyLink, tmp_path: Path
 ) -> None:
     named = PtyLink(str(tmp_path / "line"))
-    program = start("listen", line.path)
-    program.says("listening")
+    start("listen", line.path).says("listening")
     named.close()
     with pytest.raises(AssertionError, match="give it a symlink"):
         line.close()

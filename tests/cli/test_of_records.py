@@ -51,8 +51,7 @@ def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(arv
         assert {file.name for file in files} >= {"map.pdf", "distance.pdf", "timeline.pdf"}
         for file in files:
             data = file.read_bytes()
-            box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", data)
-            assert float(box[1]) == pytest.approx(72 * width, abs=0.1)
+            assert float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", data)[1]) == pytest.approx(72 * width, abs=0.1)
             assert b"/FontFile2" in data  # TrueType
             assert b"/Type3" not in data
             assert b"/Subtype /Image" not in data
@@ -107,8 +106,7 @@ def test_the_charts_of_a_campaign_are_drawn(arva: Arva, tmp_path: Path) -> None:
 def test_the_page_is_in_the_record_or_where_it_is_wanted(arva: Arva, tmp_path: Path) -> None:
     run = write(tmp_path / "flight", 0, search=False)
     assert arva("report", run) == (0, "", f"written: {run}/report.html\n")
-    html = (run / "report.html").read_text()
-    assert html.count("data:image/svg+xml;base64,") == 5
+    assert (run / "report.html").read_text().count("data:image/svg+xml;base64,") == 5
     assert arva("report", run, "--out", tmp_path / "x.html").err == f"written: {tmp_path}/x.html\n"
     assert (tmp_path / "x.html").read_text().startswith("<!doctype html>")
 

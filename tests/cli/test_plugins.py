@@ -78,8 +78,7 @@ def test_the_example_adds_one_of_each_kind_and_it_has_what_it_needs(of: Registry
 
 @pytest.mark.usefixtures("example")
 def test_a_record_is_written_in_another_s_format(arva: Arva, tmp_path: Path) -> None:
-    run = write(tmp_path / "flight", 7, search=False)
-    arva("export", run, "--out", tmp_path / "flight.counts")
+    arva("export", write(tmp_path / "flight", 7, search=False), "--out", tmp_path / "flight.counts")
     assert (tmp_path / "flight.counts").read_text() == "receiver: 7\n"
 
 
@@ -92,11 +91,9 @@ def test_a_replay_with_another_s_model_format_fault_and_observer(arva: Arva, tmp
     lines = out.read_bytes()
     assert lines.startswith(b"a457")
     assert b"754a" in lines  # backwards
-    counts = json.loads((tmp_path / "counts.json").read_text())
-    assert min(counts.values()) >= 2
+    assert min(json.loads((tmp_path / "counts.json").read_text()).values()) >= 2
     made = json.loads((tmp_path / "counts.json").read_text())["FrameMade"]
-    heard = arva("listen", out, "--format", "hex", "--json")
-    assert 0 < len(heard.out.splitlines()) < made
+    assert 0 < len(arva("listen", out, "--format", "hex", "--json").out.splitlines()) < made
 
 
 @pytest.mark.usefixtures("example")
@@ -155,8 +152,7 @@ def test_a_file_may_name_another_s_fault_and_format(arva: Arva, tmp_path: Path) 
     file = tmp_path / "s.yaml"
     text = "transmitters: [{id: 1, enu: [5, 20, 0]}]\noutput: {format: hex}\nfaults: [{reversed: %s, from_s: 3}]\n"
     file.write_text(text % 0.5)
-    out = arva("check", file).out
-    says(out, "1 Hz, hex", "fault reversed=0.5@3")
+    says(arva("check", file).out, "1 Hz, hex", "fault reversed=0.5@3")
     file.write_text(text % 5)
     assert arva.refused("check", file) == f"{file}:3:21: reversed: '5', expected a probability above 0, at most 1\n"
 

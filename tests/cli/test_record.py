@@ -141,8 +141,7 @@ def test_run_json_says_what_ran_and_how_it_ended(recorded: Recorded) -> None:
 
 
 def test_a_run_that_fails_says_so_in_its_record(start: Start, line: PtyLink, tmp_path: Path) -> None:
-    program = start("--port", line.path, "--autopilot", "pty", "--timeout", 0.2, "--record", tmp_path / "record")
-    program.ends(3)
+    start("--port", line.path, "--autopilot", "pty", "--timeout", 0.2, "--record", tmp_path / "record").ends(3)
     run = json.loads((tmp_path / "record" / "run.json").read_bytes())
     assert run["exit_code"] == 3
     assert "no byte came" in run["ended"]
@@ -191,8 +190,7 @@ def test_a_full_disk_ends_the_record_but_not_the_frames(
     frames = frames_in(line.read())
     assert program.err.count("frames go on") == 1
     assert f"error: {tmp_path / 'record'}: cannot record: File too large" in program.err.splitlines()[-1]
-    recorded = frames_in((tmp_path / "record" / "frames.bin").read_bytes())
-    assert 0 < len(recorded) < len(frames)
+    assert 0 < len(frames_in((tmp_path / "record" / "frames.bin").read_bytes())) < len(frames)
     rows = (tmp_path / "record" / "readings.csv").read_text().splitlines()
     assert {row.count(",") for row in rows} == {len(COLUMNS) - 1}
     run = json.loads((tmp_path / "record" / "run.json").read_bytes())
@@ -244,8 +242,7 @@ def test_a_frame_every_ten_seconds_and_killed_the_log_is_there_to_a_second_befor
     assert run["scenario"]["receiver"]["rate_hz"] == 0.1
     assert {"arva-hil", "python"} <= run["versions"].keys()
     assert run["started"].endswith("Z")
-    log = list(TlogReader(str(folder / "autopilot.tlog")))
-    assert log[-1].time_us > at - LOST_S * 1e6
+    assert list(TlogReader(str(folder / "autopilot.tlog")))[-1].time_us > at - LOST_S * 1e6
     with (folder / "readings.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
     assert header == COLUMNS
@@ -310,8 +307,7 @@ def test_a_run_that_stood_still_skips_frames_and_goes_on(
 def test_a_receiver_is_recorded_beside_an_autopilot(
     arva: Arva, autopilot: Autopilot, beacon: Beacon, tmp_path: Path
 ) -> None:
-    place = "4=46.0133,7.7456,1650"
-    words = ("--autopilot", autopilot.address, "--receiver", beacon.link.path, "--transmitter", place)
+    words = ("--autopilot", autopilot.address, "--receiver", beacon.link.path, "--transmitter", "4=46.0133,7.7456,1650")
     arva("record", *words, "--duration", 9, tmp_path / "r")
     said = json.loads((tmp_path / "r" / "run.json").read_text())
     assert (said["source"], said["ended"], said["format"]) == ("receiver", "finished", "binary")
@@ -329,8 +325,7 @@ def test_a_receiver_is_recorded_beside_an_autopilot(
 def test_another_format_is_named_and_its_bytes_are_kept_and_decoded_later(
     arva: Arva, autopilot: Autopilot, keep: Keep, tmp_path: Path
 ) -> None:
-    beacon = keep(Beacon(encode_nmea))
-    words = ("--autopilot", autopilot.address, "--receiver", beacon.link.path, "--duration", 4)
+    words = ("--autopilot", autopilot.address, "--receiver", keep(Beacon(encode_nmea)).link.path, "--duration", 4)
     err = arva("record", *words, tmp_path / "r", code=1).err
     says(err, "poses without frames: no binary frame in", "the bytes are nmea: --format nmea")
     arva("decode", tmp_path / "r", "--format", "nmea", "--out", tmp_path / "again")
@@ -353,8 +348,7 @@ def test_poses_without_frames_are_said(arva: Arva, autopilot: Autopilot, line: P
 
 def test_a_place_surveyed_later_gives_the_ranges(arva: Arva, tmp_path: Path) -> None:
     folder = rehearse(tmp_path / "r", QUIET, POINTS)
-    place = f"1={PLACE.lat},{PLACE.lon},{PLACE.alt}"
-    arva("decode", folder, "--transmitter", place, "--out", tmp_path / "again")
+    arva("decode", folder, "--transmitter", f"1={PLACE.lat},{PLACE.lon},{PLACE.alt}", "--out", tmp_path / "again")
     before, after = rows(folder / "readings.csv"), rows(tmp_path / "again" / "readings.csv")
     assert [row["d_cm"] for row in before] == [row["d_cm"] for row in after]
     assert {row["true_range_m"] for row in before} == {""}
@@ -388,10 +382,8 @@ def test_the_emulator_is_recorded_as_if_it_were_a_receiver(arva: Arva, start: St
     one, two, receiver = tmp_path / "vehicle-1", tmp_path / "vehicle-2", tmp_path / "receiver"
     start("vehicle", "--link", f"pty:{one}", "--link", f"pty:{two}").says("on the ground")
     start("--autopilot", one, "--port", f"pty:{receiver}").says("readings are real")
-    words = ("--autopilot", two, "--receiver", receiver, "--duration", 14)
-    arva("record", *words, tmp_path / "r")
-    out = arva("compare", tmp_path / "r", "--scenario", "builtin:default", "--json").out
-    said = json.loads(out)
+    arva("record", "--autopilot", two, "--receiver", receiver, "--duration", 14, tmp_path / "r")
+    said = json.loads(arva("compare", tmp_path / "r", "--scenario", "builtin:default", "--json").out)
     assert said["both"] >= 5
     assert abs(said["all"]["ratio"] - 1) < 0.05
 
@@ -429,8 +421,7 @@ def test_a_table_objects_and_a_picture(arva: Arva, record: Path, tmp_path: Path)
 
 
 def test_two_records(arva: Arva, record: Path, tmp_path: Path) -> None:
-    other = rehearse(tmp_path / "other", replace(QUIET, seed=3), FLIGHT)
-    assert "frames in both" in arva("compare", record, other).out
+    assert "frames in both" in arva("compare", record, rehearse(tmp_path / "other", replace(QUIET, seed=3), FLIGHT)).out
 
 
 def test_what_cannot_be_compared_is_said(arva: Arva, record: Path, tmp_path: Path) -> None:

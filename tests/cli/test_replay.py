@@ -175,8 +175,7 @@ def test_each_vehicle_of_a_log_has_a_record_as_in_the_run(arva: Arva, log: Path,
     assert "all vehicles of" in ended.err
     assert ended.err.count(f"{log.stat().st_size - 8 * len(list(TlogReader(log)))} bytes, ") == 1
     assert "\nautopilot (2 vehicles): " in ended.err
-    frames = frames_in((tmp_path / "record/alpha/front/frames.bin").read_bytes())
-    assert frames[-1].channels[0].valid
+    assert frames_in((tmp_path / "record/alpha/front/frames.bin").read_bytes())[-1].channels[0].valid
     assert (tmp_path / "record/bravo/only/frames.bin").read_bytes().count(b"$") > 50
     for name, (lat, lon, _) in zip(("alpha", "bravo"), HOMES.values(), strict=True):
         assert f"{name}: datum: {lat:.7f}, {lon:.7f}" in ended.err
@@ -216,7 +215,6 @@ def test_what_cannot_be_for_several_is_refused(
 
 def test_vehicles_that_only_their_links_tell_apart_are_refused(arva: Arva, log: Path, fleet: Path) -> None:
     fleet.write_text(FLEET.replace("system: 2", "system: 1"))
-    err = arva.refused("replay", log, "--scenario", fleet)
-    says(err, "alpha, bravo are all on", "give each its own `system`")
+    says(arva.refused("replay", log, "--scenario", fleet), "alpha, bravo are all on", "give each its own `system`")
     with pytest.raises(ValueError, match="alpha, bravo are all on"):
         arva_hil.replay(log, arva_hil.load_scenario(fleet))

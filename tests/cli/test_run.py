@@ -169,8 +169,7 @@ def test_one_port_frames_go_inside_mavlink_on_the_autopilots_link(
     channel = frames[-1].channels[0]
     assert channel.id == (None if form == "debug_vect" else 1)
     assert 1000 < channel.d < 4000
-    heard = written(tmp_path / "heard.bin", autopilot.heard)
-    listened = arva("listen", heard, "--format", form, "--json")
+    listened = arva("listen", written(tmp_path / "heard.bin", autopilot.heard), "--format", form, "--json")
     assert [json.loads(line)["channels"][0]["d_cm"] for line in listened.out.splitlines()] == [
         frame.channels[0].d for frame in frames
     ]
@@ -333,8 +332,7 @@ def test_with_another_key_no_autopilot_is_heard(start: Start, keep: Keep, line: 
 
 
 def test_without_a_key_a_vehicle_that_signs_takes_no_request(start: Start, keep: Keep, line: PtyLink) -> None:
-    vehicle = keep(Autopilot(keep(PtyLink()), key=bytes(32)))
-    program = start("--port", line.path, "--autopilot", vehicle.address)
+    program = start("--port", line.path, "--autopilot", keep(Autopilot(keep(PtyLink()), key=bytes(32))).address)
     program.says("its packets are signed. They are not checked")
     assert "--signing-key FILE" in program.stops()
     assert not hears(read_frames(line, 1)[-1])
@@ -352,8 +350,7 @@ def fleet_file(folder: Path, vehicles: str) -> Path:
 
 def vehicle(name: str, system: int, address: str, *receivers: str) -> str:
     """One vehicle, as in the file."""
-    head = f"- {{name: {name}, system: {system}, autopilot: '{address}', receivers: [%s]}}\n"
-    return head % ", ".join(receivers)
+    return f"- {{name: {name}, system: {system}, autopilot: '{address}', receivers: [%s]}}\n" % ", ".join(receivers)
 
 
 def ports(keep: Keep, number: int) -> list[PtyLink]:
@@ -437,8 +434,7 @@ def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, k
     for name, system in (("alpha", 1), ("bravo", 2)):
         said = run["vehicles"][name]
         assert said["vehicle"]["system"] == system
-        packets = list(TlogReader(record / said["tlog"]))
-        assert len(packets) == said["counters"]["packets_received"] > 0
+        assert len(list(TlogReader(record / said["tlog"]))) == said["counters"]["packets_received"] > 0
     assert sorted(path.name for path in record.iterdir()) == [
         "alpha",
         "autopilot-1.tlog",
@@ -484,8 +480,7 @@ def test_vehicles_that_never_appear_are_said_once_in_one_sentence_while_another_
         vehicle(n, int(n[1]), nobody.path, f"{{name: r, {place}}}") for n, place in zip(names, places, strict=True)
     ]
     flies = vehicle("v1", 1, autopilot.address, f"{{name: r, port: '{heard.path}', rate_hz: 20}}")
-    path = fleet_file(tmp_path, flies + "".join(absent))
-    program = start("run", "--scenario", path, "--timeout", 1)
+    program = start("run", "--scenario", fleet_file(tmp_path, flies + "".join(absent)), "--timeout", 1)
     program.says("no byte came", "v1/r: there is a pose")
     consumer = Consumer(unheard)
     frames = consumer.read(0) + consumer.read(20)
@@ -501,8 +496,7 @@ def test_vehicles_that_never_appear_are_said_once_in_one_sentence_while_another_
 def test_when_no_vehicle_appears_in_time_it_ends_with_3(start: Start, keep: Keep, tmp_path: Path) -> None:
     lines, nobody = ports(keep, 4), ports(keep, 2)
     path = fleet_file(tmp_path, four_receivers((nobody[0].path, nobody[1].path), lines))
-    program = start("run", "--scenario", path, "--timeout", 1)
-    assert program.ends(3).count("error: no byte came") == 1
+    assert start("run", "--scenario", path, "--timeout", 1).ends(3).count("error: no byte came") == 1
 
 
 def test_an_unread_port_a_broken_link_and_a_flood_hold_up_no_other(start: Start, keep: Keep, tmp_path: Path) -> None:

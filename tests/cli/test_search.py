@@ -234,8 +234,7 @@ def test_nothing_is_armed_while_somebody_else_reads_the_receiver(
 def test_it_counts_down_and_ctrl_c_leaves_it_hovering(
     start: Start, autopilot: Autopilot, beacon: Beacon, tmp_path: Path
 ) -> None:
-    words = ("--countdown", 3, "--json", "--record", tmp_path / "record")
-    program = start(*arguments(autopilot, beacon), *LOW, *words)
+    program = start(*arguments(autopilot, beacon), *LOW, "--countdown", 3, "--json", "--record", tmp_path / "record")
     program.says("is a simulator: it answers with SIMSTATE", "arming in 3 s")
     assert orders(autopilot) == []
     program.says("going for transmitter 4, 20.0 m away")
@@ -343,9 +342,7 @@ def test_the_answer_is_typed_at_the_terminal(
 
 
 def test_no_question_is_asked_that_nobody_sees(start: Start, real: Autopilot, beacon: Beacon, keep: Keep) -> None:
-    terminal = keep(Terminal(160))
-    program = start(*arguments(real, beacon), stdin=terminal.slave)
-    assert "to let it fly, write --yes" in program.ends(2)
+    assert "to let it fly, write --yes" in start(*arguments(real, beacon), stdin=keep(Terminal(160)).slave).ends(2)
 
 
 @pytest.mark.parametrize(("typed", "answer"), [(b"yes\n", "yes"), (b"\x04", ""), (b"ye\x7fs\n", "ys")])

@@ -131,8 +131,7 @@ def test_colours_are_for_terminals_without_no_color(
 ) -> None:
     if no_color:
         monkeypatch.setenv("NO_COLOR", "1")
-    program = start("--port", "pty", "--autopilot", "pty", "--timeout", 0.2, stderr=terminal.slave)
-    program.ends(3)
+    start("--port", "pty", "--autopilot", "pty", "--timeout", 0.2, stderr=terminal.slave).ends(3)
     text = "error: no byte came"
     assert text in terminal.rest()
     assert (f"\x1b[38;5;{BAD}m{text}" in terminal.shown) is not no_color

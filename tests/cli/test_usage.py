@@ -155,8 +155,7 @@ NO_SCENARIOS = ("campaigns/", "receivers/", "transmitters/")
 
 @pytest.mark.parametrize("name", [name for name in builtin_files() if not name.startswith(NO_SCENARIOS)])
 def test_what_it_prints_is_a_scenario_that_says_the_same(arva: Arva, name: str) -> None:
-    out = arva("config", "--scenario", f"builtin:{name}").out
-    again = parse(out, "config")
+    again = parse(arva("config", "--scenario", f"builtin:{name}").out, "config")
     assert dataclasses.replace(again, source="") == dataclasses.replace(load(f"builtin:{name}"), source="")
 
 
@@ -223,8 +222,7 @@ def test_bash_completes(folder: Path, words: list[str], completed: list[str]) ->
 @pytest.mark.parametrize("folder", ["fish"], indirect=True)
 @pytest.mark.parametrize(("words", "completed"), LINES, ids=lambda value: " ".join(value))
 def test_fish_completes(folder: Path, words: list[str], completed: list[str]) -> None:
-    answered = said(["fish", "--no-config", "-c", FISH, " ".join(words)], folder)
-    assert sorted(answered) == sorted(completed)
+    assert sorted(said(["fish", "--no-config", "-c", FISH, " ".join(words)], folder)) == sorted(completed)
 
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")

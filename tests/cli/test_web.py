@@ -167,8 +167,7 @@ def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Ta
     tab.shows("#phase", "ended")
     is_shown(tab, frame_at(readings(tmp_path / "record")))
     found = json.loads((tmp_path / "record" / "search.json").read_text())["found"]
-    place = f"place found\n{found['north']:.1f} m N, {found['east']:.1f} m E"
-    assert place in tab.text("#belief")
+    assert f"place found\n{found['north']:.1f} m N, {found['east']:.1f} m E" in tab.text("#belief")
     assert "place found at" in str(label.get_attribute("aria-label"))
     assert tab.page.locator("#outcome").get_attribute("data-level") == "good"
     lat, lon = map(float, tab.text("#outcome code").split(","))
@@ -339,8 +338,7 @@ def made(
 
 def two_buried(state: State) -> State:
     """The same with a vehicle, and transmitters 1 and 2 at 10 m and 20 m north."""
-    places = np.array([[10.0, 0.0, 1.0], [20.0, 0.0, 1.0]])
-    there = Transmitters((1, 2), places, np.array([np.eye(3)] * 2), np.ones(2))
+    there = Transmitters((1, 2), np.array([[10.0, 0.0, 1.0], [20.0, 0.0, 1.0]]), np.array([np.eye(3)] * 2), np.ones(2))
     reports = [ReceiverStatus("receiver", None, 5, 0, there)]
     state.update([StatusReport(1.0, [VehicleStatus("vehicle", "quadrotor 1/1", {}, reports)])])
     return state
@@ -361,8 +359,7 @@ def test_several_receivers_strange_texts_and_a_pose_that_is_no_number(tab: Tab, 
     tab.shows("#distance", "2.50")
     assert "<img src=x onerror=alert(1)>\\u202e" in tab.text("#events")
     assert tab.page.locator("img").count() == 1
-    health = tab.text("#checks")
-    says(health, "2 dropped", "faults on\ndrop")
+    says(tab.text("#checks"), "2 dropped", "faults on\ndrop")
     assert tab.page.locator("#pill").get_attribute("data-level") == "bad"
 
 
@@ -452,8 +449,7 @@ def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab, serve: Serve) 
     state = State("run", "field.yaml")
     state.update([made(1, 30.0, 30.0), made(2, pose=False), made(43, pose=False)])
     serve(state)
-    label = str(tab.page.locator("#map").get_attribute("aria-label"))
-    assert "vehicle last known 42 s ago, 42 m NE of home" in label
+    assert "vehicle last known 42 s ago, 42 m NE of home" in str(tab.page.locator("#map").get_attribute("aria-label"))
     assert tab.page.evaluate(PLACED) == ["21.9 m S, 0.0 m E", "0.0 m N, 3.0 m W"]
     assert "last known place" in tab.text("#legend")
 
@@ -503,8 +499,7 @@ def replay(arva: Arva, *arguments: object) -> Any:
 
 
 def test_the_address_is_said_and_the_page_is_off_unless_it_is_asked_for(arva: Arva) -> None:
-    err = replay(arva, "--web", "127.0.0.1:0").err
-    assert re.search(r"^page: http://127\.0\.0\.1:\d+/$", err, re.MULTILINE)
+    assert re.search(r"^page: http://127\.0\.0\.1:\d+/$", replay(arva, "--web", "127.0.0.1:0").err, re.MULTILINE)
     for off in ([], ["--web", "off"]):
         assert "page: " not in replay(arva, *off).err
 
@@ -523,8 +518,7 @@ def test_who_else_can_see_it_is_said(arva: Arva) -> None:
 @pytest.mark.parametrize("command", ["run", "search"])
 def test_a_command_whose_page_cannot_be_served_leaves_no_record(arva: Arva, tmp_path: Path, command: str) -> None:
     """So that the same one with another address is not told that there is a record already."""
-    where = {"run": "--port", "search": "--receiver"}[command]
-    links = ("--autopilot", f"pty:{tmp_path / 'fc'}", where, "pty")
+    links = ("--autopilot", f"pty:{tmp_path / 'fc'}", {"run": "--port", "search": "--receiver"}[command], "pty")
     err = arva.refused(command, *links, "--record", tmp_path / "record", "--web", "192.0.2.1:80")
     assert "the page cannot be served" in err
     assert list(tmp_path.iterdir()) == []

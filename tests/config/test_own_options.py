@@ -111,8 +111,7 @@ def test_a_wrong_key_of_a_file_is_named(text: str, expected: list[str]) -> None:
 
 
 def test_without_a_default_a_key_is_needed_and_python_may_give_options_or_a_mapping() -> None:
-    node = value_of(yaml.compose("{}", yaml.BaseLoader), 2)
-    (missing,) = read_own(Options, node, "it")[1]
+    (missing,) = read_own(Options, value_of(yaml.compose("{}", yaml.BaseLoader), 2), "it")[1]
     assert (missing.found, missing.expected) == ("no needed", "a mapping with needed")
     assert own_options(Options, {"needed": 2, "share": 0.5}, "it") == Options(2, share=0.5)
     assert own_options(Options, made := Options(3), "it") is made

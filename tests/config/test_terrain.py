@@ -108,8 +108,7 @@ def test_a_hole_under_a_transmitter_and_another_place_are_refused_where_they_are
     ],
 )
 def test_a_depth_counts_from_the_ground_alone(tmp_path: Path, transmitter: str, words: str) -> None:
-    path = folder(tmp_path, f"terrain: slope.asc\ntransmitters: [{transmitter}]\n")
-    assert words in mistakes(path)[0]
+    assert words in mistakes(folder(tmp_path, f"terrain: slope.asc\ntransmitters: [{transmitter}]\n"))[0]
 
 
 def test_a_depth_is_below_the_grid_and_home_stands_on_it() -> None:
