@@ -37,6 +37,7 @@ from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Frame, encode
 from tests.files import written
 from tests.free_ports import free_port
+from tests.said import says
 
 from .far_ends import DEADLINE_S, HOME, Arva, Autopilot, Denier, Keep, Start, heartbeat, until
 
@@ -460,8 +461,7 @@ def test_a_vehicle_that_refuses_its_streams(examine: Examine, serve: Serve, line
     serve(Denier(line, dialect.MAV_RESULT_UNSUPPORTED))
     said = examine("--autopilot", line.path, listen=HEALTHY_S, code=1, fails=STREAMS)
     assert "MAV_RESULT_UNSUPPORTED" in said["ATTITUDE"]["found"]
-    assert "ArduPilot: SRn_EXTRA1" in said["ATTITUDE"]["cure"]
-    assert "PX4: MAV_n_MODE" in said["ATTITUDE"]["cure"]
+    says(said["ATTITUDE"]["cure"], "ArduPilot: SRn_EXTRA1", "PX4: MAV_n_MODE")
 
 
 # -- the port ------------------------------------------------------------------------------------------------
@@ -581,6 +581,14 @@ def both(cure: str) -> bool:
     return "ArduPilot: " in cure and "PX4: " in cure
 
 
+def finds(finding: Finding | None, check: str, state: str, found: str) -> str:
+    """The finding of a check, with these words in it. Returns the cure."""
+    assert finding
+    assert (finding.check, finding.state) == (check, state)
+    assert found in finding.found
+    return finding.cure
+
+
 # -- the autopilot's link ------------------------------------------------------------------------------------
 
 
@@ -639,10 +647,8 @@ def test_a_far_machine_that_refuses_is_named() -> None:
 )
 def test_bytes_that_are_no_packets_are_recognised(sample: bytes, found: str) -> None:
     finding = diagnosis.garbage("serial", 100, sample)
-    assert (finding.check, finding.state) == ("packets", "fail")
-    assert found in finding.found
+    assert both(finds(finding, "packets", "fail", found))
     assert ("but" in finding.found) == ("but" in found)
-    assert both(finding.cure)
 
 
 def test_the_baud_rate_that_works_is_the_cure() -> None:
@@ -668,18 +674,14 @@ def test_no_baud_rate_works() -> None:
     ],
 )
 def test_packets(traffic: Traffic, state: str, found: str) -> None:
-    finding = diagnosis.packets(traffic)
-    assert (finding.check, finding.state) == ("packets", state)
-    assert found in finding.found
-    assert both(finding.cure) == (state == "note")
+    assert both(finds(diagnosis.packets(traffic), "packets", state, found)) == (state == "note")
 
 
 def test_signing() -> None:
     assert diagnosis.signing(CLEAN) == ("signing", "ok", "not signed", "")
-    finding = diagnosis.signing(replace(CLEAN, signed=600))
-    assert finding.state == "note"
-    assert finding.found.startswith("600 of 600 packets are signed")
-    assert both(finding.cure)
+    assert both(
+        finds(diagnosis.signing(replace(CLEAN, signed=600)), "signing", "note", "600 of 600 packets are signed")
+    )
 
 
 @pytest.mark.parametrize(
@@ -699,11 +701,8 @@ def test_signing_with_a_key(refused: dict[str, int], state: str, found: str) -> 
 
 def test_strangers() -> None:
     assert diagnosis.other_senders(0, "") is None
-    finding = diagnosis.other_senders(7, "10.0.0.9:5555")
-    assert (finding.state, finding.found) == (
-        "note",
-        "7 datagrams of other senders are ignored; the first was from 10.0.0.9:5555",
-    )
+    found = "7 datagrams of other senders are ignored; the first was from 10.0.0.9:5555"
+    finds(diagnosis.other_senders(7, "10.0.0.9:5555"), "strangers", "note", found)
 
 
 @pytest.mark.parametrize(
@@ -729,11 +728,9 @@ def test_heartbeats(
     found: str,
     cure: str,
 ) -> None:
-    finding = diagnosis.heartbeat(sources, followed, target)
-    assert (finding.check, finding.state) == ("heartbeat", state)
-    assert found in finding.found
-    assert cure in finding.cure
-    assert bool(cure) == bool(finding.cure)
+    named = finds(diagnosis.heartbeat(sources, followed, target), "heartbeat", state, found)
+    assert cure in named
+    assert bool(cure) == bool(named)
 
 
 # -- the pose ------------------------------------------------------------------------------------------------
@@ -751,10 +748,7 @@ def test_heartbeats(
     ],
 )
 def test_streams(name: str, count: int, hz: float, said: str, state: str, found: str) -> None:
-    finding = diagnosis.stream(StreamRate(name, count, hz, 50.0, said))
-    assert (finding.check, finding.state) == (name, state)
-    assert found in finding.found
-    assert both(finding.cure) == (state != "ok")
+    assert both(finds(diagnosis.stream(StreamRate(name, count, hz, 50.0, said)), name, state, found)) == (state != "ok")
 
 
 def test_a_position_that_is_promised_and_silent_waits_for_a_fix() -> None:
@@ -782,17 +776,12 @@ def test_a_log_is_not_measured_by_what_nobody_asked_of_it() -> None:
     ],
 )
 def test_position(position: tuple[Any, ...], state: str, found: str) -> None:
-    finding = diagnosis.position(*position)
-    assert (finding.check, finding.state) == ("position", state)
-    assert found in finding.found
-    assert bool(finding.cure) == (state == "fail")
+    assert bool(finds(diagnosis.position(*position), "position", state, found)) == (state == "fail")
 
 
 def test_home() -> None:
     assert diagnosis.home(PLACE, armed=True) == ("home", "ok", "46.0123000, 7.7456000, 1650.0 m AMSL, armed", "")
-    finding = diagnosis.home(None, armed=False)
-    assert finding[:3] == ("home", "note", "not known yet, not armed")
-    assert both(finding.cure)
+    assert both(finds(diagnosis.home(None, armed=False), "home", "note", "not known yet, not armed"))
 
 
 @pytest.mark.parametrize(("age_s", "state"), [(0.012, "ok"), (2.0, "ok"), (2.1, "fail"), (None, "fail")])
@@ -811,9 +800,7 @@ def test_pose(age_s: float | None, state: str) -> None:
     ],
 )
 def test_clock(lags_s: list[float], reboots: int, state: str, found: str) -> None:
-    finding = diagnosis.clock(lags_s, reboots)
-    assert (finding.check, finding.state) == ("clock", state)
-    assert found in finding.found
+    finds(diagnosis.clock(lags_s, reboots), "clock", state, found)
 
 
 @pytest.mark.parametrize(
@@ -857,10 +844,7 @@ def test_no_port_is_proposed_that_is_not_there() -> None:
     ],
 )
 def test_frames(traffic: PortTraffic, state: str, found: str) -> None:
-    finding = diagnosis.frames(traffic, "binary")
-    assert (finding.check, finding.state) == ("frames", state)
-    assert found in finding.found
-    assert bool(finding.cure) == (state != "ok")
+    assert bool(finds(diagnosis.frames(traffic, "binary"), "frames", state, found)) == (state != "ok")
 
 
 @pytest.mark.parametrize(
@@ -882,10 +866,7 @@ def test_frames(traffic: PortTraffic, state: str, found: str) -> None:
     ],
 )
 def test_reader(traffic: PortTraffic, state: str, found: str) -> None:
-    finding = diagnosis.reader(traffic)
-    assert (finding.check, finding.state) == ("reader", state)
-    assert found in finding.found
-    assert bool(finding.cure) == (state != "ok")
+    assert bool(finds(diagnosis.reader(traffic), "reader", state, found)) == (state != "ok")
 
 
 @pytest.mark.parametrize("traffic", [replace(TRAFFIC, taken=0, dropped=3), replace(TRAFFIC, lost="gone")])
