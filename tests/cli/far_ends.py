@@ -128,6 +128,11 @@ class Program:
                 assert self._listen(), f"{pattern!r} was not said before the end of:\n{self.err}"
         return found
 
+    def after(self, *patterns: str) -> Program:
+        """The program, as soon as stderr has said all of it."""
+        self.says(*patterns)
+        return self
+
     def writes(self, least: int) -> None:
         """Wait until so many more bytes are on stdout, which is the file."""
         size = os.fstat(self._out.fileno()).st_size + least

@@ -212,8 +212,9 @@ def test_interrupted_it_ends_with_its_workers_and_says_how_to_go_on(
 
 
 def test_interrupted_while_its_workers_start_it_is_quiet_too(start: Start, plan: Path, gate: Path) -> None:
-    program = start("campaign", plan, "--jobs", 2, "--out", plan.parent / "r", start_new_session=True)
-    program.says("0 of them done")
+    program = start("campaign", plan, "--jobs", 2, "--out", plan.parent / "r", start_new_session=True).after(
+        "0 of them done"
+    )
     os.killpg(program.process.pid, signal.SIGINT)
     assert "interrupted" in program.ends(130)
 

@@ -61,8 +61,7 @@ def test_listen_prints_what_a_file_of_frames_says(arva: Arva, tmp_path: Path) ->
 
 
 def test_listen_hears_a_port_until_it_has_heard_enough(start: Start, line: PtyLink) -> None:
-    program = start("listen", line.path, "--count", 3, "--json")
-    program.says(f"listening at {line.path}")
+    program = start("listen", line.path, "--count", 3, "--json").after(f"listening at {line.path}")
     line.write(b"".join(map(encode, FRAMES)))
     program.ends()
     objects = [json.loads(text) for text in program.out.splitlines()]
@@ -76,16 +75,14 @@ def test_listen_says_once_that_nothing_comes_and_ends_in_time(start: Start, line
 
 def test_listen_fails_when_the_port_goes(start: Start, tmp_path: Path) -> None:
     line = PtyLink(path := str(tmp_path / "line"))
-    program = start("listen", path)
-    program.says("listening")
+    program = start("listen", path).after("listening")
     line.close()
     assert f"arva-hil: {path}: lost" in program.ends(1)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_listen_can_be_interrupted(start: Start, line: PtyLink, number: signal.Signals) -> None:
-    program = start("listen", line.path)
-    program.says("listening")
+    program = start("listen", line.path).after("listening")
     line.write(b"".join(map(encode, FRAMES)))
     until(lambda: program.out.count(b"\n") == 5)
     assert "5 frames, 0 lost" in program.stops(number)
@@ -266,8 +263,7 @@ def test_an_empty_file_holds_no_frames_and_is_no_error(arva: Arva, tmp_path: Pat
 
 
 def test_a_port_of_another_format_is_said_while_it_listens_and_at_the_end(start: Start, line: PtyLink) -> None:
-    program = start("listen", line.path, "--duration", 3)
-    program.says("listening at")
+    program = start("listen", line.path, "--duration", 3).after("listening at")
     line.write(sent_as("nmea"))
     program.says(r"no frame for 2 s: no binary frame in \d+ bytes: the bytes are nmea: --format nmea\n")
     program.ends(1)
@@ -318,8 +314,7 @@ def test_every_link_hears_every_vehicle_and_each_obeys_on_any(start: Start, keep
     beside = GroundStation(keep(UdpInLink("127.0.0.1", udp)))
     program = start(
         "vehicle", "--link", f"tcpin:127.0.0.1:{tcp}", "--link", f"udpout:127.0.0.1:{udp}", "--count", 2, "--system", 3
-    )
-    program.says("link: udpout")
+    ).after("link: udpout")
     near = GroundStation(keep(TcpLink("127.0.0.1", tcp)))
     for station in (near, beside):
         for system in (3, 4):
@@ -340,8 +335,7 @@ def test_every_link_hears_every_vehicle_and_each_obeys_on_any(start: Start, keep
 @pytest.mark.parametrize(("name", "mode"), [("battery", 6), ("ekf", 9)])
 def test_a_failsafe_strikes_at_its_time_in_the_air(start: Start, keep: Keep, name: str, mode: int) -> None:
     port = free_port(socket.SOCK_STREAM)
-    program = start("vehicle", "--link", f"tcpin:127.0.0.1:{port}", "--failsafe", f"{name}@0.5")
-    program.says("link: tcpin")
+    program = start("vehicle", "--link", f"tcpin:127.0.0.1:{port}", "--failsafe", f"{name}@0.5").after("link: tcpin")
     station = GroundStation(keep(TcpLink("127.0.0.1", port)))
     station.hears("HEARTBEAT")
     station.says(
@@ -434,8 +428,9 @@ def test_a_port_that_is_not_there_is_exit_code_3(arva: Arva) -> None:
 
 def test_a_run_obeys_it(arva: Arva, start: Start, autopilot: Any, tmp_path: Any) -> None:
     port = tmp_path / "port"
-    program = start("run", "--port", f"pty:{port}", "--autopilot", autopilot.address, "--rate", 10)
-    program.says("there is a pose")
+    program = start("run", "--port", f"pty:{port}", "--autopilot", autopilot.address, "--rate", 10).after(
+        "there is a pose"
+    )
     out = arva("command", port, "identify", "--timeout", 20).out
     assert out.startswith("identify: done, paper ")
     assert out.endswith(" binary, 4\n")

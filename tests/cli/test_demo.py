@@ -132,8 +132,9 @@ def test_the_time_is_limited(arva: Arva, tmp_path: Path) -> None:
 
 
 def test_it_can_be_interrupted(start: Start, tmp_path: Path) -> None:
-    program = start("demo", "--headless", "--record", tmp_path)
-    program.says(r"vehicle at /dev/\S+, frames at /dev/\S+", "arming")
+    program = start("demo", "--headless", "--record", tmp_path).after(
+        r"vehicle at /dev/\S+, frames at /dev/\S+", "arming"
+    )
     program.stops(signal.SIGINT)
     assert json.loads((tmp_path / "search.json").read_text())["exit_code"] == 130
     assert json.loads((tmp_path / "run.json").read_text())["ended"] == "SIGINT"

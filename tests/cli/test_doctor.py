@@ -243,8 +243,9 @@ def test_a_port_that_a_running_run_holds_is_no_fault_of_the_port(
 ) -> None:
     """Nor is its own pseudo-terminal: whoever examines that would take frames from it and send it others."""
     link = tmp_path / "arva0"
-    program = start("run", "--autopilot", "pty", "--port", f"pty:{link}" if own else line.path, fresh=True)
-    program.says("frames to")
+    program = start("run", "--autopilot", "pty", "--port", f"pty:{link}" if own else line.path, fresh=True).after(
+        "frames to"
+    )
     port = link if own else line.path
     out = arva("doctor", "--autopilot", f"pty:{tmp_path}/fc", "--port", port, "--listen", 0.2, code=3).out
     (said,) = [text for text in out.splitlines() if text.startswith("FAIL  port")]
@@ -514,8 +515,7 @@ def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink
     port_probe.service(clock)
     assert port_probe.traffic().seen == []
     until(lambda: port_probe.traffic().unread == 33)  # the kernel hands bytes over on a thread of its own
-    program = start("listen", line.path, fresh=True)
-    program.says("listening at")
+    program = start("listen", line.path, fresh=True).after("listening at")
     port_probe.service(clock)
     (who,) = port_probe.traffic().seen
     command = f"{sys.executable} -m arva_hil listen {line.path}"
@@ -534,17 +534,14 @@ def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:
 
 
 def test_ctrl_c(start: Start, line: PtyLink) -> None:
-    program = start("doctor", "--autopilot", line.path, "--listen", 60)
-    program.says("listening for 60 s")
+    program = start("doctor", "--autopilot", line.path, "--listen", 60).after("listening for 60 s")
     program.stops(signal.SIGINT)
     assert b"verdict" not in program.out
 
 
 def test_ctrl_c_while_baud_rates_are_tried(start: Start, line: PtyLink, serve: Serve) -> None:
     serve(Says(line, GARBAGE))
-    program = start("doctor", "--autopilot", line.path, "--listen", 1)
-    program.says("trying other baud rates")
-    program.stops(signal.SIGINT)
+    start("doctor", "--autopilot", line.path, "--listen", 1).after("trying other baud rates").stops(signal.SIGINT)
 
 
 @pytest.mark.parametrize(("no_color", "coloured"), [("", True), ("1", False)])

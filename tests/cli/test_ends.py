@@ -68,8 +68,7 @@ def test_a_signal_while_a_link_is_being_opened(
     start: Start, nobody_answers: str, tmp_path: Path, number: signal.Signals
 ) -> None:
     link = tmp_path / "fc"
-    program = start("--autopilot", f"pty:{link}", "--port", nobody_answers)
-    program.says("autopilot: ")
+    program = start("--autopilot", f"pty:{link}", "--port", nobody_answers).after("autopilot: ")
     until(link.is_symlink)
     program.stops(number)
     assert not os.path.lexists(link)
@@ -81,8 +80,9 @@ def test_signals_one_after_the_other_leave_whole_files(
 ) -> None:
     """As when a terminal and a wrapper both pass Ctrl-C on."""
     record, link = tmp_path / "record", tmp_path / "arva0"
-    program = start("--port", f"pty:{link}", "--autopilot", autopilot.address, "--rate", 50, "--record", record)
-    program.says("readings are real")
+    program = start("--port", f"pty:{link}", "--autopilot", autopilot.address, "--rate", 50, "--record", record).after(
+        "readings are real"
+    )
     for _ in range(3):
         program.send(number)
     program.ends(130)
@@ -99,8 +99,7 @@ def test_under_nohup_a_closed_terminal_ends_nothing(start: Start, keep: Keep, li
     program = start(
         *("--port", line.path, "--autopilot", autopilot.address, "--rate", 50),
         preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
-    )
-    program.says("readings are real")
+    ).after("readings are real")
     program.send(signal.SIGHUP)
     read_frames(line, 60)
     program.stops()
@@ -121,8 +120,9 @@ def test_ctrl_c_once_is_enough_when_stdout_is_not_read(
     start: Start, autopilot: Autopilot, stuck: int, tmp_path: Path
 ) -> None:
     record = tmp_path / "record"
-    program = start("--port", "-", "--autopilot", autopilot.address, "--rate", 20, "--record", record, stdout=stuck)
-    program.says("no program takes the frames")
+    program = start(
+        "--port", "-", "--autopilot", autopilot.address, "--rate", 20, "--record", record, stdout=stuck
+    ).after("no program takes the frames")
     program.stops(signal.SIGINT)
     counters = json.loads((record / "run.json").read_bytes())["counters"]
     assert counters["dropped"] == counters["frames"] > 0
@@ -131,8 +131,7 @@ def test_ctrl_c_once_is_enough_when_stdout_is_not_read(
 def test_ctrl_c_once_is_enough_for_a_replay_that_waits_for_its_reader(start: Start) -> None:
     reader, writer = os.pipe()
     fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 32768)
-    program = start("replay", DATA / "px4.tlog", "--rate", 50, "--out", "-", stdout=writer)
-    program.says("datum")
+    program = start("replay", DATA / "px4.tlog", "--rate", 50, "--out", "-", stdout=writer).after("datum")
     until(lambda: not select.select([], [writer], [], 0)[1])
     program.stops(signal.SIGINT)
     os.close(writer)

@@ -32,8 +32,7 @@ def test_the_report_of_a_failure_has_what_its_programs_have_said(
 ) -> None:
     ended = start("--port", "/dev/ttyNONE7", "--autopilot", autopilot.address)
     ended.process.wait(far_ends.DEADLINE_S)  # and nobody has read its stderr
-    runs = start("listen", autopilot.address)
-    runs.says("listening")
+    runs = start("listen", autopilot.address).after("listening")
     told = report_of(request.node)
     says(
         told,

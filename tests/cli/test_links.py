@@ -110,15 +110,13 @@ def test_a_run_shorter_than_the_timeout_that_heard_nothing_is_no_success(arva: A
 
 
 def test_bytes_but_no_packets_hint_at_the_baud_rate(start: Start, line: PtyLink) -> None:
-    program = start("--port", "pty", "--autopilot", f"{line.path},9600", "--timeout", 0.5)
-    program.says("scenario")
+    program = start("--port", "pty", "--autopilot", f"{line.path},9600", "--timeout", 0.5).after("scenario")
     line.write(bytes(n * 7 % 251 for n in range(1000)))
     assert "1000 bytes came, but no MAVLink packet: is the baud rate right" in program.ends(3)
 
 
 def test_only_a_ground_station_is_heard(start: Start, line: PtyLink) -> None:
-    program = start("--port", "pty", "--autopilot", line.path, "--timeout", 0.5)
-    program.says("scenario")
+    program = start("--port", "pty", "--autopilot", line.path, "--timeout", 0.5).after("scenario")
     line.write(heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID))
     assert "no autopilot's heartbeat: heartbeats of gcs from 255/190 ×1" in program.ends(3)
 
@@ -143,8 +141,9 @@ def test_a_denied_position_is_a_warning_and_frames_go_on_with_no_signal(
     start: Start, keep: Keep, line: PtyLink, denial: str
 ) -> None:
     out = keep(PtyLink())
-    program = start("--autopilot", line.path, "--port", out.path, "--rate", 20)
-    program.says(*(rf"\nwarning: {stream}.*{denial}" for stream in ("GLOBAL_POSITION_INT", "ATTITUDE")))
+    program = start("--autopilot", line.path, "--port", out.path, "--rate", 20).after(
+        *(rf"\nwarning: {stream}.*{denial}" for stream in ("GLOBAL_POSITION_INT", "ATTITUDE"))
+    )
     frames = read_frames(out, 10)
     program.stops()
     assert not any(channel.valid for frame in frames for channel in frame.channels)
@@ -235,8 +234,7 @@ def test_far_ends_that_are_started_after_the_emulator_are_waited_for(start: Star
     ports = {side: free_port(socket.SOCK_STREAM) for side in ("autopilot", "port")}
     urls = {side: f"tcp:127.0.0.1:{port}" for side, port in ports.items()}
     words = [word for side, url in urls.items() for word in (f"--{side}", url)]
-    program = start(*words, "--rate", 50, "--record", tmp_path / "record")
-    program.says(
+    program = start(*words, "--rate", 50, "--record", tmp_path / "record").after(
         f"waiting for {urls['port']}: connection refused",
         f"waiting for {urls['autopilot']}: connection refused; is the autopilot running",
     )
@@ -256,8 +254,7 @@ def test_a_server_takes_the_next_client(start: Start, keep: Keep, line: PtyLink,
     port = free_port(socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM)
     client = {"udpin": UdpOutLink, "tcpin": TcpLink}[kind]
     url = f"{kind}:127.0.0.1:{port}"
-    program = start("--port", line.path, "--autopilot", url, "--rate", 50, "--max-age", 0.3)
-    program.says("frames to")
+    program = start("--port", line.path, "--autopilot", url, "--rate", 50, "--max-age", 0.3).after("frames to")
     consumer = Consumer(line)
     first = keep(Autopilot(client("127.0.0.1", port), speaks_first=True))
     until(consumer.hears)
@@ -271,8 +268,7 @@ def test_a_server_takes_the_next_client(start: Start, keep: Keep, line: PtyLink,
 
 def test_a_link_lost_before_the_first_heartbeat_is_the_reason_given(start: Start, keep: Keep, tmp_path: Path) -> None:
     line = keep(PtyLink(path := str(tmp_path / "fc")))
-    program = start("--port", "pty", "--autopilot", path, "--timeout", 1)
-    program.says("scenario")
+    program = start("--port", "pty", "--autopilot", path, "--timeout", 1).after("scenario")
     line.write(heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID))
     line.close()
     assert f"error: no autopilot was found: {path}: lost" in program.ends(3)
@@ -299,8 +295,7 @@ def test_who_keeps_it_from_coming_back_is_named_once(
 def test_one_port_frames_survive_an_absence(start: Start, keep: Keep, tmp_path: Path) -> None:
     path = str(tmp_path / "line")
     first = keep(Autopilot(keep(PtyLink(path))))
-    program = start("--autopilot", path, "--format", "tunnel", "--rate", 20)
-    program.says("readings are real")
+    program = start("--autopilot", path, "--format", "tunnel", "--rate", 20).after("readings are real")
     first.close()
     program.says("lost")
     second = keep(Autopilot(keep(PtyLink(path))))

@@ -184,8 +184,7 @@ def test_a_full_disk_ends_the_record_but_not_the_frames(
         *("--record", tmp_path / "record"),
         **full_disk(),
         stdout=subprocess.DEVNULL,
-    )
-    program.says("frames go on")
+    ).after("frames go on")
     program.ends(1)
     frames = frames_in(line.read())
     assert program.err.count("frames go on") == 1
@@ -207,8 +206,9 @@ def test_a_full_disk_ends_a_replay_with_an_error(arva: Arva) -> None:
 def test_a_key_on_the_link_is_not_recorded(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:
     """Somebody sets up signing on the link that is recorded."""
     autopilot = keep(PtyLink())
-    program = start("--port", line.path, "--autopilot", autopilot.path, "--record", tmp_path, "--timeout", 30)
-    program.says("frames to")
+    program = start("--port", line.path, "--autopilot", autopilot.path, "--record", tmp_path, "--timeout", 30).after(
+        "frames to"
+    )
     key = list(b"0123456789abcdef" * 2)
     ground = Encoder(255, 190)
     autopilot.write(ground.pack(dialect.MAVLink_setup_signing_message(1, 1, key, 1)) + heartbeat(Encoder(1, 1)))
@@ -231,8 +231,7 @@ def test_a_frame_every_ten_seconds_and_killed_the_log_is_there_to_a_second_befor
     """In real time, which is that of the log."""
     folder, autopilot = tmp_path / "record", keep(Autopilot(keep(PtyLink()), speed=1.0))
     words = ("--autopilot", autopilot.address, "--rate", 0.1, "--seed", 7, "--record", folder)
-    program = start("--port", line.path, *words, speed=1.0)
-    program.says("datum: ")
+    program = start("--port", line.path, *words, speed=1.0).after("datum: ")
     RealClock().wait(1.4)
     at = time.time_ns() // 1000
     program.send(signal.SIGKILL)

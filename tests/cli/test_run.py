@@ -91,8 +91,9 @@ def test_who_speaks_from_another_address_changes_nothing_and_is_counted(
 ) -> None:
     """Heartbeats, a place and a home of the very vehicle, from another socket."""
     port = free_port(socket.SOCK_DGRAM)
-    program = start("--port", line.path, "--autopilot", f"udpin:127.0.0.1:{port}", "--rate", 50, "--record", tmp_path)
-    program.says("frames to")
+    program = start(
+        "--port", line.path, "--autopilot", f"udpin:127.0.0.1:{port}", "--rate", 50, "--record", tmp_path
+    ).after("frames to")
     keep(Autopilot(keep(UdpOutLink("127.0.0.1", port)), speaks_first=True))
     program.says("there is a pose")
     stranger, encoder = keep(UdpOutLink("127.0.0.1", port)), Encoder(1, 1)
@@ -125,8 +126,9 @@ def test_a_new_terminal_is_made_its_path_printed_and_its_symlink_gone_in_the_end
 
 @pytest.mark.parametrize("form", ["binary", "nmea"])
 def test_stdout_carries_the_frames_and_nothing_else(start: Start, autopilot: Autopilot, form: str) -> None:
-    program = start("--port", "-", "--autopilot", autopilot.address, "--format", form, "--rate", 20)
-    program.says("there is a pose")
+    program = start("--port", "-", "--autopilot", autopilot.address, "--format", form, "--rate", 20).after(
+        "there is a pose"
+    )
     program.writes(1000)
     program.stops()
     decoder = FORMATS[form].decoder()
@@ -158,8 +160,7 @@ def test_json_is_one_object_a_frame_on_stdout(start: Start, autopilot: Autopilot
 def test_one_port_frames_go_inside_mavlink_on_the_autopilots_link(
     start: Start, autopilot: Autopilot, arva: Callable[..., Any], tmp_path: Path, form: str
 ) -> None:
-    program = start("--autopilot", autopilot.address, "--format", form, "--rate", 20)
-    program.says("there is a pose")
+    program = start("--autopilot", autopilot.address, "--format", form, "--rate", 20).after("there is a pose")
     heard_so_far = len(autopilot.heard)
     until(lambda: len(autopilot.heard) > heard_so_far + 1000)
     program.stops()
@@ -236,9 +237,7 @@ def test_a_reader_of_stdout_that_has_stopped_holds_nothing_up(
 
 def test_without_an_autopilot_named_the_usual_place_is_tried_and_printed(start: Start, line: PtyLink) -> None:
     """Whether nobody speaks there, a simulator does, or another program listens there already."""
-    program = start("--port", line.path, "--timeout", 0.2, "--duration", 1)
-    program.says("autopilot: ")
-    program.ends(0, 3)
+    start("--port", line.path, "--timeout", 0.2, "--duration", 1).after("autopilot: ").ends(0, 3)
 
 
 # -- --signing-key: which files are taken, and a run with a vehicle that has the same key ----------------------
@@ -332,8 +331,9 @@ def test_with_another_key_no_autopilot_is_heard(start: Start, keep: Keep, line: 
 
 
 def test_without_a_key_a_vehicle_that_signs_takes_no_request(start: Start, keep: Keep, line: PtyLink) -> None:
-    program = start("--port", line.path, "--autopilot", keep(Autopilot(keep(PtyLink()), key=bytes(32))).address)
-    program.says("its packets are signed. They are not checked")
+    program = start("--port", line.path, "--autopilot", keep(Autopilot(keep(PtyLink()), key=bytes(32))).address).after(
+        "its packets are signed. They are not checked"
+    )
     assert "--signing-key FILE" in program.stops()
     assert not hears(read_frames(line, 1)[-1])
 
@@ -402,8 +402,9 @@ def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, k
     lines, record = ports(keep, 4), tmp_path / "record"
     pilots = [keep(Autopilot(keep(PtyLink()), system=system)) for system in (1, 2)]
     path = fleet_file(tmp_path, four_receivers((pilots[0].address, pilots[1].address), lines))
-    program = start("run", "--scenario", path, "--record", record, "--json")
-    program.says(*(f"{name}: there is a pose" for name in ("alpha/front", "alpha/rear", "bravo/front", "bravo/rear")))
+    program = start("run", "--scenario", path, "--record", record, "--json").after(
+        *(f"{name}: there is a pose" for name in ("alpha/front", "alpha/rear", "bravo/front", "bravo/rear"))
+    )
     last = Consumer(lines[3])
     frames = last.read(0) + last.read(20)  # by then each has made some more
     program.stops()
@@ -453,8 +454,7 @@ def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Sta
     lines, record, port = ports(keep, 4), tmp_path / "record", free_port(socket.SOCK_DGRAM)
     address = f"udpin:127.0.0.1:{port}"
     path = fleet_file(tmp_path, four_receivers((address, address), lines))
-    program = start("run", "--scenario", path, "--record", record)
-    program.says("frames of bravo/rear to")
+    program = start("run", "--scenario", path, "--record", record).after("frames of bravo/rear to")
     for system in (1, 2):
         link = keep(UdpOutLink("127.0.0.1", port))
         keep(Autopilot(link, speaks_first=True, system=system))
@@ -480,8 +480,9 @@ def test_vehicles_that_never_appear_are_said_once_in_one_sentence_while_another_
         vehicle(n, int(n[1]), nobody.path, f"{{name: r, {place}}}") for n, place in zip(names, places, strict=True)
     ]
     flies = vehicle("v1", 1, autopilot.address, f"{{name: r, port: '{heard.path}', rate_hz: 20}}")
-    program = start("run", "--scenario", fleet_file(tmp_path, flies + "".join(absent)), "--timeout", 1)
-    program.says("no byte came", "v1/r: there is a pose")
+    program = start("run", "--scenario", fleet_file(tmp_path, flies + "".join(absent)), "--timeout", 1).after(
+        "no byte came", "v1/r: there is a pose"
+    )
     consumer = Consumer(unheard)
     frames = consumer.read(0) + consumer.read(20)
     err = program.stops()
@@ -509,8 +510,9 @@ def test_an_unread_port_a_broken_link_and_a_flood_hold_up_no_other(start: Start,
     vehicles = vehicle("alpha", 1, autopilot.address, *receivers) + vehicle("bravo", 2, at, spare[0])
     path = fleet_file(tmp_path, vehicles + vehicle("charlie", 3, f"udpin:127.0.0.1:{number}", spare[1]))
     record = tmp_path / "record"
-    program = start("run", "--scenario", path, "--record", record, speed=1.0)
-    program.says("alpha/deaf: no program takes the frames")
+    program = start("run", "--scenario", path, "--record", record, speed=1.0).after(
+        "alpha/deaf: no program takes the frames"
+    )
     broken.close()
     flood, consumer = keep(UdpOutLink("127.0.0.1", number)), Consumer(heard)
     consumer.read(0)

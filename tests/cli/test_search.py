@@ -121,8 +121,9 @@ def test_a_port_that_is_none_leaves_no_record_and_one_port_cannot_be_both(
 
 
 def test_a_receiver_whose_port_is_not_there_in_time_is_the_reason_given(start: Start, autopilot: Autopilot) -> None:
-    program = start(*arguments(autopilot, "/dev/ttyNONE7"), "--timeout", 1)
-    program.says("waiting for /dev/ttyNONE7: no such port; ")
+    program = start(*arguments(autopilot, "/dev/ttyNONE7"), "--timeout", 1).after(
+        "waiting for /dev/ttyNONE7: no such port; "
+    )
     assert "error: no frame from the receiver: /dev/ttyNONE7: no such port" in program.ends(3)
 
 
@@ -131,8 +132,9 @@ def test_links_that_come_later_or_are_lost_on_the_ground_are_waited_for(
 ) -> None:
     port, path = free_port(socket.SOCK_STREAM), str(tmp_path / "receiver")
     url = f"tcp:127.0.0.1:{port}"
-    program = start("search", "--autopilot", url, "--receiver", path, *LOW)
-    program.says(f"waiting for {url}: connection refused", f"waiting for {path}: no such port")
+    program = start("search", "--autopilot", url, "--receiver", path, *LOW).after(
+        f"waiting for {url}: connection refused", f"waiting for {path}: no such port"
+    )
     first, line = Autopilot(TcpServerLink("127.0.0.1", port)), PtyLink(path)
     try:
         program.says(f"{url}: is open", f"{path}: is open", "waiting for a frame from the receiver")
@@ -205,8 +207,7 @@ def test_on_the_ground_there_is_nothing_to_take_over(start: Start, autopilot: Au
 
 
 def test_a_port_that_another_program_listens_to_is_busy(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
-    listener = start("listen", beacon.link.path)
-    listener.says("listening")
+    listener = start("listen", beacon.link.path).after("listening")
     err = start(*arguments(autopilot, beacon)).ends(3)
     says(err, f"arva-hil: {beacon.link.path}: busy: held by ", f"{listener.process.pid} (")
     assert orders(autopilot) == []
@@ -217,8 +218,7 @@ def test_nothing_is_armed_while_somebody_else_reads_the_receiver(
 ) -> None:
     """One who heeds no lock, and opens the port after the search has."""
     beacon.quiet.set()
-    program = start(*arguments(autopilot, beacon))
-    program.says("waiting for a frame from the receiver")
+    program = start(*arguments(autopilot, beacon)).after("waiting for a frame from the receiver")
     with open(beacon.link.path, "rb", buffering=0) as port, subprocess.Popen(["sleep", "60"], stdin=port) as other:
         beacon.quiet.clear()
         program.ends(3)
@@ -234,8 +234,9 @@ def test_nothing_is_armed_while_somebody_else_reads_the_receiver(
 def test_it_counts_down_and_ctrl_c_leaves_it_hovering(
     start: Start, autopilot: Autopilot, beacon: Beacon, tmp_path: Path
 ) -> None:
-    program = start(*arguments(autopilot, beacon), *LOW, "--countdown", 3, "--json", "--record", tmp_path / "record")
-    program.says("is a simulator: it answers with SIMSTATE", "arming in 3 s")
+    program = start(
+        *arguments(autopilot, beacon), *LOW, "--countdown", 3, "--json", "--record", tmp_path / "record"
+    ).after("is a simulator: it answers with SIMSTATE", "arming in 3 s")
     assert orders(autopilot) == []
     program.says("going for transmitter 4, 20.0 m away")
     says(
@@ -258,8 +259,7 @@ def test_it_counts_down_and_ctrl_c_leaves_it_hovering(
 
 
 def test_the_pilot_takes_over(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
-    program = start(*arguments(autopilot, beacon), *LOW)
-    program.says(FLYING)
+    program = start(*arguments(autopilot, beacon), *LOW).after(FLYING)
     pilot(autopilot, Mode.LOITER)
     program.ends(1)
     taken = "error: the mode is LOITER: the pilot or a failsafe has taken over; nothing found"
@@ -270,8 +270,7 @@ def test_the_pilot_takes_over(start: Start, autopilot: Autopilot, beacon: Beacon
 def test_the_receiver_is_unplugged(start: Start, autopilot: Autopilot, tmp_path: Path) -> None:
     path = str(tmp_path / "arva0")
     with closing(Beacon(symlink=path)):
-        program = start(*arguments(autopilot, path), *LOW, "--patience", 3)
-        program.says(FLYING)
+        program = start(*arguments(autopilot, path), *LOW, "--patience", 3).after(FLYING)
     program.ends(1)
     for line in (
         f"warning: {path}: lost: closed by the far end, searching for it",
@@ -285,16 +284,14 @@ def test_the_receiver_is_unplugged(start: Start, autopilot: Autopilot, tmp_path:
 
 def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon, tmp_path: Path) -> None:
     with closing(Autopilot(PtyLink(path := str(tmp_path / "fc")))):
-        program = start("search", "--autopilot", path, "--receiver", beacon.link.path, *LOW)
-        program.says(FLYING)
+        program = start("search", "--autopilot", path, "--receiver", beacon.link.path, *LOW).after(FLYING)
     assert f"error: {path}: lost" in program.ends(1)
     assert "searching for it" not in program.err
     assert "the vehicle is left to its own failsafe: it stops after 3 s (GUID_TIMEOUT), and hovers" in program.err
 
 
 def test_two_ctrl_c_end_it_at_once(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
-    program = start(*arguments(autopilot, beacon))
-    program.says("arming")
+    program = start(*arguments(autopilot, beacon)).after("arming")
     autopilot.pause()  # it will never say that it is disarmed
     program.send(signal.SIGINT)
     program.says("interrupted: the vehicle ")
@@ -313,8 +310,9 @@ def test_without_a_terminal_and_a_yes_it_is_refused(start: Start, real: Autopilo
 
 
 def test_yes_on_the_command_line(start: Start, real: Autopilot, beacon: Beacon) -> None:
-    program = start(*arguments(real, beacon), "--yes")
-    program.says("warning: .* is not known to be a simulator; --yes", "arming")
+    program = start(*arguments(real, beacon), "--yes").after(
+        "warning: .* is not known to be a simulator; --yes", "arming"
+    )
     program.stops(signal.SIGINT)
 
 
