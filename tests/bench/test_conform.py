@@ -52,8 +52,9 @@ def test_the_c_decoder_passes_every_clause(conform: Run, in_c: list[str], tmp_pa
 
 @every("language", ["python", "lua"])
 def test_the_other_decoders_pass(conform: Run, tmp_path: Path, language: str) -> None:
-    command = mutants.command(None, language, tmp_path / language)
-    code, out, _ = conform("--timeout", "60", "--only", "no-signal", "--", *command)
+    code, out, _ = conform(
+        "--timeout", "60", "--only", "no-signal", "--", *mutants.command(None, language, tmp_path / language)
+    )
     assert code == 0, out
 
 

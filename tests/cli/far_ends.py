@@ -314,8 +314,9 @@ class Denier:
         now = clock.now()
         for packet in self._parser.feed(self._link.read()):
             if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
-                message = decode(packet)
-                self._link.write(self._encoder.pack(dialect.MAVLink_command_ack_message(message.command, self._result)))
+                self._link.write(
+                    self._encoder.pack(dialect.MAVLink_command_ack_message(decode(packet).command, self._result))
+                )
         if now >= self._next:
             self._next = now + 1.0
             self._link.write(heartbeat(self._encoder))

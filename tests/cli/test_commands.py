@@ -438,8 +438,9 @@ def test_a_run_obeys_it(arva: Arva, start: Start, autopilot: Any, tmp_path: Any)
     arva("command", port, "mark", 200, "--timeout", 20, code=1)
     program.says("command [0-9]+ answered: refused")
     program.stops()
-    came = "commands: 2 came: 1 done, 1 refused, 0 unknown, 0 busy, 0 not answered; 5 bytes in no command"
-    assert came in program.err
+    assert (
+        "commands: 2 came: 1 done, 1 refused, 0 unknown, 0 busy, 0 not answered; 5 bytes in no command" in program.err
+    )
 
 
 # -- `run` as a service: what it tells the service manager, and that unit, environment and image name what exist--

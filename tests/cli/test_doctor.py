@@ -491,13 +491,15 @@ def test_a_reader_that_answers_is_known(examine: Examine, serve: Serve, keep: Ke
     consumer = keep(links[kind]())
     serve(Says(consumer, b"!"))
     port = consumer.path if kind == "serial" else f"{kind}:127.0.0.1:{consumer.port}"
-    said = examine("--autopilot", "pty", "--port", port, fails=("bytes",))
-    assert said["reader"]["found"].endswith("bytes came back")
+    assert examine("--autopilot", "pty", "--port", port, fails=("bytes",))["reader"]["found"].endswith(
+        "bytes came back"
+    )
 
 
 def test_the_other_end_of_a_pseudo_terminal_is_named(examine: Examine, line: PtyLink) -> None:
-    said = examine("--autopilot", "pty", "--port", line.path, fails=("bytes",))
-    assert said["reader"]["found"].endswith("has the other end")
+    assert examine("--autopilot", "pty", "--port", line.path, fails=("bytes",))["reader"]["found"].endswith(
+        "has the other end"
+    )
 
 
 def test_a_client_that_is_connected_reads(keep: Keep) -> None:

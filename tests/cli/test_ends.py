@@ -498,8 +498,9 @@ def shut(which: str) -> dict[str, list[str]]:
 
 
 def test_with_stderr_closed_nothing_but_frames_is_on_stdout(start: Start, keep: Keep) -> None:
-    autopilot = keep(Autopilot(keep(PtyLink()), speed=1.0))
-    program = start("--port", "-", "--autopilot", autopilot.address, "--rate", 20, **shut("2>&-"))
+    program = start(
+        "--port", "-", "--autopilot", keep(Autopilot(keep(PtyLink()), speed=1.0)).address, "--rate", 20, **shut("2>&-")
+    )
     until(lambda: len(program.out) > 200)
     program.stops(signal.SIGINT)
     assert len(frames_in(program.out)) > 5

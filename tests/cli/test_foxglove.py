@@ -123,5 +123,6 @@ def test_a_search_tells_what_it_reads(start: Start, autopilot: Autopilot, keep: 
 
 
 def test_an_address_that_is_none_ends_with_2(arva: Callable[..., Any], flight: Path) -> None:
-    err = arva.refused("replay", flight, "--foxglove", "a:b")
-    assert "expected HOST:PORT, HOST or PORT, e.g. 127.0.0.1:8765" in err
+    assert "expected HOST:PORT, HOST or PORT, e.g. 127.0.0.1:8765" in arva.refused(
+        "replay", flight, "--foxglove", "a:b"
+    )

@@ -61,8 +61,9 @@ def test_a_serial_port_without_permission_names_the_group_to_join(start: Start, 
         os.chown(line.path, -1, group.gr_gid)
     os.chmod(line.path, 0o060)
     name = grp.getgrgid(os.stat(line.path).st_gid).gr_name
-    program = start("--autopilot", "pty", "--port", line.path, before=ORDINARY)
-    assert f"{line.path}: permission denied; add yourself to group {name}: sudo usermod -aG {name}" in program.ends(3)
+    assert f"{line.path}: permission denied; add yourself to group {name}: sudo usermod -aG {name}" in start(
+        "--autopilot", "pty", "--port", line.path, before=ORDINARY
+    ).ends(3)
 
 
 def test_a_busy_serial_port_names_who_holds_it(start: Start, line: PtyLink) -> None:
@@ -77,8 +78,9 @@ def test_a_file_is_no_serial_port(arva: Arva) -> None:
 
 
 def test_a_log_is_no_place_for_frames(arva: Arva) -> None:
-    err = arva.refused("--autopilot", "pty", "--port", "flight.tlog")
-    assert "--port flight.tlog: this is a log: frames cannot be sent there" in err
+    assert "--port flight.tlog: this is a log: frames cannot be sent there" in arva.refused(
+        "--autopilot", "pty", "--port", "flight.tlog"
+    )
 
 
 def test_a_tcp_server_that_is_not_there_in_time(arva: Arva) -> None:

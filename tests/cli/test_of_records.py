@@ -55,8 +55,9 @@ def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(arv
             assert b"/FontFile2" in data  # TrueType
             assert b"/Type3" not in data
             assert b"/Subtype /Image" not in data
-    err = arva.refused("plot", folder, "--paper", "--out", tmp_path / "sheet.pdf")
-    assert "a sheet has its own size: name a folder" in err
+    assert "a sheet has its own size: name a folder" in arva.refused(
+        "plot", folder, "--paper", "--out", tmp_path / "sheet.pdf"
+    )
 
 
 @pytest.mark.undrawn
@@ -246,5 +247,6 @@ def test_what_is_wrong_is_told_before_anybody_walks(
     assert "none.yaml" in arva.refused("range-test", "--scenario", tmp_path / "none.yaml")
     arva("range-test", "--walks", "0", code=2)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    err = arva.refused("range-test", "--out", tmp_path / "sheet")
-    assert err == ("arva-hil: the picture of --out needs matplotlib, which is missing: pip install 'arva-hil[plots]'\n")
+    assert arva.refused("range-test", "--out", tmp_path / "sheet") == (
+        "arva-hil: the picture of --out needs matplotlib, which is missing: pip install 'arva-hil[plots]'\n"
+    )

@@ -68,8 +68,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     """One run with everything on, in real time, ended by Ctrl-C."""
     folder = tmp_path_factory.mktemp("run") / "a" / "record"
     line, vehicle = PtyLink(), Autopilot(PtyLink(), speed=1.0)
-    arguments = ("--port", line.path, "--autopilot", vehicle.address, "--rate", 50, "--seed", 7, "--record", folder)
-    program = Program(*arguments, speed=1.0)
+    program = Program(
+        "--port", line.path, "--autopilot", vehicle.address, "--rate", 50, "--seed", 7, "--record", folder, speed=1.0
+    )
     try:
         frames = read_frames(line, 60)
         program.stops(signal.SIGINT)
@@ -210,8 +211,9 @@ def test_a_key_on_the_link_is_not_recorded(start: Start, keep: Keep, line: PtyLi
         "frames to"
     )
     key = list(b"0123456789abcdef" * 2)
-    ground = Encoder(255, 190)
-    autopilot.write(ground.pack(dialect.MAVLink_setup_signing_message(1, 1, key, 1)) + heartbeat(Encoder(1, 1)))
+    autopilot.write(
+        Encoder(255, 190).pack(dialect.MAVLink_setup_signing_message(1, 1, key, 1)) + heartbeat(Encoder(1, 1))
+    )
     program.says("vehicle ardupilotmega")
     program.stops(signal.SIGINT)
     assert len(list(TlogReader(tmp_path / "autopilot.tlog"))) == 1
@@ -230,8 +232,9 @@ def test_a_frame_every_ten_seconds_and_killed_the_log_is_there_to_a_second_befor
 ) -> None:
     """In real time, which is that of the log."""
     folder, autopilot = tmp_path / "record", keep(Autopilot(keep(PtyLink()), speed=1.0))
-    words = ("--autopilot", autopilot.address, "--rate", 0.1, "--seed", 7, "--record", folder)
-    program = start("--port", line.path, *words, speed=1.0).after("datum: ")
+    program = start(
+        "--port", line.path, "--autopilot", autopilot.address, "--rate", 0.1, "--seed", 7, "--record", folder, speed=1.0
+    ).after("datum: ")
     RealClock().wait(1.4)
     at = time.time_ns() // 1000
     program.send(signal.SIGKILL)
@@ -254,8 +257,9 @@ def test_what_a_killed_program_sent_is_recorded_to_a_second_before_and_not_writt
     start: Start, keep: Keep, line: PtyLink, tmp_path: Path
 ) -> None:
     folder, rate_hz, autopilot = tmp_path / "record", 20, keep(Autopilot(keep(PtyLink()), speed=1.0))
-    words = ("--autopilot", autopilot.address, "--rate", rate_hz, "--record", folder)
-    program = start("--port", line.path, *words, speed=1.0)
+    program = start(
+        "--port", line.path, "--autopilot", autopilot.address, "--rate", rate_hz, "--record", folder, speed=1.0
+    )
     frames = read_frames(line, 47)
     program.send(signal.SIGKILL)
     program.ends(-signal.SIGKILL)
@@ -432,8 +436,9 @@ def test_what_cannot_be_compared_is_said(arva: Arva, record: Path, tmp_path: Pat
     assert "expected a file name" in refused(record, "--scenario", "builtin:default", "--out", "x.gif")
     assert "vehicles: name a scenario of one receiver" in refused(record, "--scenario", "builtin:two_vehicles")
     far = [Waypoint(point.time_s, point.north + 60, point.east, point.down, 45) for point in FLIGHT]
-    other = rehearse(tmp_path / "other", QUIET, far)
-    assert "are of two flights, and only 0 frames are at common places" in refused(record, other)
+    assert "are of two flights, and only 0 frames are at common places" in refused(
+        record, rehearse(tmp_path / "other", QUIET, far)
+    )
     (record / "autopilot.tlog").unlink()
     assert "there are no poses in it" in refused(record, "--scenario", "builtin:default")
 

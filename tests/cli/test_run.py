@@ -77,8 +77,9 @@ def test_the_autopilot_and_the_consumer_may_be_on_the_network(start: Start, keep
     far_end = {"udpout": UdpInLink, "tcp": TcpServerLink}.get(kind)
     if far_end:
         keep(Autopilot(keep(far_end("127.0.0.1", port))))
-    url = f"udpout:127.0.0.1:{frames_to.port}"
-    program = start("--port", url, "--autopilot", f"{kind}:127.0.0.1:{port}", "--rate", 50)
+    program = start(
+        "--port", f"udpout:127.0.0.1:{frames_to.port}", "--autopilot", f"{kind}:127.0.0.1:{port}", "--rate", 50
+    )
     if not far_end:
         program.says("frames to")
         keep(Autopilot(keep({"udpin": UdpOutLink, "tcpin": TcpLink}[kind]("127.0.0.1", port)), speaks_first=True))
@@ -255,8 +256,9 @@ def key_file(folder: Path, content: bytes, mode: int = 0o600) -> Path:
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o644, 0o660, 0o777, 0o601])
 def test_a_key_that_others_may_read_is_refused(arva: Arva, tmp_path: Path, mode: int) -> None:
     file = key_file(tmp_path, KEY.encode(), mode)
-    err = arva.refused("--port", "pty", "--signing-key", file)
-    assert f"{file}: other users may read or write it ({mode:o}): chmod 600 {file}" in err
+    assert f"{file}: other users may read or write it ({mode:o}): chmod 600 {file}" in arva.refused(
+        "--port", "pty", "--signing-key", file
+    )
 
 
 def test_a_key_that_a_service_manager_keeps_is_taken(
@@ -316,8 +318,9 @@ def test_a_home_that_cannot_be_written_is_one_line_and_the_run_goes_on(
     arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(key := key_file(tmp_path, KEY.encode())))
-    options = ["--port", "pty", "--autopilot", "pty", "--duration", "0.1", "--timeout", "0.1"]
-    err = arva(*options, "--signing-key", key, code=3).err
+    err = arva(
+        "--port", "pty", "--autopilot", "pty", "--duration", "0.1", "--timeout", "0.1", "--signing-key", key, code=3
+    ).err
     assert err.count("time stamps of signatures are not stored (Not a directory)") == 1
 
 
@@ -453,8 +456,9 @@ def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Sta
     """Each from a socket of its own; both are asked for their streams."""
     lines, record, port = ports(keep, 4), tmp_path / "record", free_port(socket.SOCK_DGRAM)
     address = f"udpin:127.0.0.1:{port}"
-    path = fleet_file(tmp_path, four_receivers((address, address), lines))
-    program = start("run", "--scenario", path, "--record", record).after("frames of bravo/rear to")
+    program = start(
+        "run", "--scenario", fleet_file(tmp_path, four_receivers((address, address), lines)), "--record", record
+    ).after("frames of bravo/rear to")
     for system in (1, 2):
         link = keep(UdpOutLink("127.0.0.1", port))
         keep(Autopilot(link, speaks_first=True, system=system))

@@ -183,8 +183,9 @@ def test_a_lost_link_of_an_autopilot_is_opened_again_until_a_search_on_it_has_la
 
 def test_a_search_is_never_overwritten(arva: Arva, tmp_path: Path) -> None:
     (tmp_path / "search.csv").write_text("of yesterday")
-    err = arva.refused(*NOWHERE, "--record", tmp_path)
-    assert f"{tmp_path}: holds a search already (search.csv); name another folder" in err
+    assert f"{tmp_path}: holds a search already (search.csv); name another folder" in arva.refused(
+        *NOWHERE, "--record", tmp_path
+    )
     assert (tmp_path / "search.csv").read_text() == "of yesterday"
 
 
@@ -262,8 +263,9 @@ def test_the_pilot_takes_over(start: Start, autopilot: Autopilot, beacon: Beacon
     program = start(*arguments(autopilot, beacon), *LOW).after(FLYING)
     pilot(autopilot, Mode.LOITER)
     program.ends(1)
-    taken = "error: the mode is LOITER: the pilot or a failsafe has taken over; nothing found"
-    assert taken in program.err.splitlines()
+    assert (
+        "error: the mode is LOITER: the pilot or a failsafe has taken over; nothing found" in program.err.splitlines()
+    )
     assert orders(autopilot) == [SET_MODE, ARM, dialect.MAV_CMD_NAV_TAKEOFF]
 
 
@@ -467,10 +469,12 @@ def test_what_is_no_team_is_refused(arva: Arva, field: Path, old: str, new: str,
 
 def test_two_links_that_listen_at_one_port_are_refused(arva: Arva, field: Path) -> None:
     on = "system: {}, autopilot: 'udpin:{}:14990'"
-    text = field.read_text().replace("system: 1", on.format(1, "127.0.0.1"))
-    field.write_text(text.replace("system: 2", on.format(2, "0.0.0.0")))
-    err = arva.refused("search", "--scenario", field)
-    assert "so udpin:127.0.0.1:14990, the autopilot of a, cannot listen there too: choose another port" in err
+    field.write_text(
+        field.read_text().replace("system: 1", on.format(1, "127.0.0.1")).replace("system: 2", on.format(2, "0.0.0.0"))
+    )
+    assert "so udpin:127.0.0.1:14990, the autopilot of a, cannot listen there too: choose another port" in arva.refused(
+        "search", "--scenario", field
+    )
 
 
 @pytest.mark.parametrize("there", ["b/search.csv", "b", "a symlink"])
@@ -507,8 +511,9 @@ def test_frames_are_read_where_they_come_out(port: str, read: str) -> None:
 
 def test_without_links_and_without_a_scenario_it_says_what_is_missing(arva: Arva, field: Path) -> None:
     assert "a: its autopilot is missing: name its link, or --autopilot" in arva.refused("search", "--scenario", field)
-    what = "--vehicle a: one of the vehicles of --scenario FILE, which is missing"
-    assert what in arva.refused("search", "--vehicle", "a")
+    assert "--vehicle a: one of the vehicles of --scenario FILE, which is missing" in arva.refused(
+        "search", "--vehicle", "a"
+    )
 
 
 def test_two_searches_on_one_link_have_a_vehicle_each(start: Start, field: Path, keep: Keep, tmp_path: Path) -> None:

@@ -51,8 +51,9 @@ class Terminal:
     def shows(self, pattern: str) -> re.Match[str]:
         end = time.monotonic() + DEADLINE_S
         while not (found := re.search(pattern, self.shown)):
-            left = max(end - time.monotonic(), 0)
-            assert select.select([self._master], [], [], left)[0], f"{pattern!r} is not in:\n{self.shown!r}"
+            assert select.select([self._master], [], [], max(end - time.monotonic(), 0))[0], (
+                f"{pattern!r} is not in:\n{self.shown!r}"
+            )
             self.shown += self._decoder.decode(os.read(self._master, 65536))
         return found
 

@@ -28,8 +28,9 @@ LOG = str(DATA / "px4.tlog")
 
 def test_a_rate_must_leave_room_for_the_scenarios_jitter(arva: Arva, tmp_path: Path) -> None:
     file = written(tmp_path / "jitter.yaml", "transmitters: [{id: 1, enu: [0, 0, 0]}]\nreceiver: {jitter_s: 0.1}\n")
-    err = arva.refused("replay", LOG, "--scenario", file, "--rate", 10)
-    assert "--rate 10: the scenario's jitter_s of 0.1 is not less than half the period" in err
+    assert "--rate 10: the scenario's jitter_s of 0.1 is not less than half the period" in arva.refused(
+        "replay", LOG, "--scenario", file, "--rate", 10
+    )
 
 
 HELPS = [(), *((command,) for command in COMMANDS)]
@@ -206,8 +207,9 @@ def folder(arva: Arva, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
 
 def said(command: list[str], folder: Path) -> list[str]:
     """What a shell answers, without descriptions; it must not have anything to complain of."""
-    environment = {**os.environ, "HOME": str(folder)}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=30)
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, "HOME": str(folder)}, capture_output=True, text=True, timeout=30
+    )
     assert (done.returncode, done.stderr) == (0, "")
     return [line.partition("\t")[0].rstrip("/") for line in done.stdout.splitlines()]
 

@@ -140,8 +140,9 @@ def test_a_run(start: Start, autopilot: Autopilot, line: PtyLink, tab: Tab, tmp_
     assert "there is a pose" in tab.text("#events")
     last = frame_at(rows)[0]
     place = f"vehicle at {float(last['north_m']):.1f} m north, {float(last['east_m']):.1f} m east"
-    label = str(tab.page.locator("#map").get_attribute("aria-label"))
-    assert place.replace("-0.0", "0.0") in label.replace("-0.0", "0.0")
+    assert place.replace("-0.0", "0.0") in str(tab.page.locator("#map").get_attribute("aria-label")).replace(
+        "-0.0", "0.0"
+    )
 
 
 @pytest.fixture
@@ -519,8 +520,9 @@ def test_who_else_can_see_it_is_said(arva: Arva) -> None:
 def test_a_command_whose_page_cannot_be_served_leaves_no_record(arva: Arva, tmp_path: Path, command: str) -> None:
     """So that the same one with another address is not told that there is a record already."""
     links = ("--autopilot", f"pty:{tmp_path / 'fc'}", {"run": "--port", "search": "--receiver"}[command], "pty")
-    err = arva.refused(command, *links, "--record", tmp_path / "record", "--web", "192.0.2.1:80")
-    assert "the page cannot be served" in err
+    assert "the page cannot be served" in arva.refused(
+        command, *links, "--record", tmp_path / "record", "--web", "192.0.2.1:80"
+    )
     assert list(tmp_path.iterdir()) == []
 
 

@@ -62,8 +62,9 @@ def valid(kind: SchemaKind, text: str) -> bool:
 @pytest.mark.parametrize("kind", FILES)
 def test_the_schema_in_the_package_is_the_declarations(kind: SchemaKind) -> None:
     jsonschema.Draft202012Validator.check_schema(schema(kind))
-    path = ROOT / f"arva_hil/config/{kind}.schema.json"
-    assert path.read_text(encoding="utf-8") == schema_text(kind), "run python -m tools reference"
+    assert (ROOT / f"arva_hil/config/{kind}.schema.json").read_text(encoding="utf-8") == schema_text(kind), (
+        "run python -m tools reference"
+    )
 
 
 def test_the_reference_page_has_every_key() -> None:

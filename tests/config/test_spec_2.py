@@ -340,8 +340,9 @@ def fleets(draw: st.DrawFn) -> tuple[VehicleConfig, ...]:
                 st.builds(ReceiverOptions, channels=st.integers(1, 16), mount=st.builds(MountOptions, triples, triples))
             )
             each.append(ReceiverConfig(of, port, receiver, output_format, draw(st.integers(0, 2**63 - 1))))
-        autopilot = draw(st.none() | st.just("udpin:127.0.0.1:14550"))
-        vehicles.append(VehicleConfig(name, autopilot, system, receivers=tuple(each)))
+        vehicles.append(
+            VehicleConfig(name, draw(st.none() | st.just("udpin:127.0.0.1:14550")), system, receivers=tuple(each))
+        )
     return tuple(vehicles)
 
 

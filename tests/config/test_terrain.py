@@ -119,8 +119,9 @@ def test_a_depth_is_below_the_grid_and_home_stands_on_it() -> None:
     at_home = transmitters(Scenario(every, terrain=grid), LocalFrame(*HOME)).positions
     assert at_home[:, 0] == pytest.approx(north, abs=1e-6)
     assert at_home[:, 2] == pytest.approx([2.0 - 50 * risen, 1.5], abs=0.01)
-    fixed = Scenario(every, Lla(*HOME), terrain=grid)
-    assert transmitters(fixed, LocalFrame(*HOME)).positions[:, 2] == pytest.approx(at_home[:, 2] + 55.0, abs=0.01)
+    assert transmitters(Scenario(every, Lla(*HOME), terrain=grid), LocalFrame(*HOME)).positions[:, 2] == pytest.approx(
+        at_home[:, 2] + 55.0, abs=0.01
+    )
 
 
 def test_without_a_terrain_the_ground_is_level_with_the_datum() -> None:
