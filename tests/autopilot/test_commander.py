@@ -15,6 +15,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from arva_hil.autopilot.commanding.authority import HOLDERS, Authority, Holder
 from arva_hil.autopilot.commanding.commander import Commander, Phase, SetPoints
+from arva_hil.autopilot.commanding.sticks import Sticks
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
@@ -408,6 +409,19 @@ def test_what_is_answered_to_us_or_to_all_counts_and_no_other_answer(targets: li
         told.ack(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, FAILED, target)
     told.hear(6.0)
     assert in_words(told.commander.why) == f"the vehicle does not arm: {why}"
+
+
+def test_sticks_are_known_of_a_radio_that_is_there() -> None:
+    sticks = Sticks()
+    assert not sticks.known
+    sticks.remote = True
+    assert not sticks.known
+    for _ in range(2):
+        sticks.on_message(dialect.MAVLink_rc_channels_message(0, 4, *[1500] * 18, 255))
+    assert sticks.known
+    sticks.mark()
+    sticks.remote = False
+    assert not sticks.known
 
 
 # -- refusals ----------------------------------------------------------------------------------------------

@@ -593,8 +593,8 @@ def test_what_was_heard_when_it_was_a_ground_station() -> None:
 
 
 def test_what_was_heard_when_it_was_another_vehicle() -> None:
-    session = hearing(0.0, heartbeat(), target_system=5)
-    assert session.why_no_vehicle().sources == (("heartbeats of quadrotor", 1, 1, 1),)
+    heard = hearing(0.0, heartbeat(), target_system=5).why_no_vehicle()
+    assert (heard.reason, heard.sources) == ("other vehicles", (("heartbeats of quadrotor", 1, 1, 1),))
 
 
 def test_a_vehicle_lost_and_back_is_said_once_each() -> None:

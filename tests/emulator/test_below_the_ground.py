@@ -66,6 +66,12 @@ def test_the_autopilot_is_asked_and_the_transmitter_lies_below_its_ground() -> N
     assert [type(event) for event in bench.told()] == [GroundFound]
 
 
+def test_on_level_ground_a_place_on_earth_is_as_high_as_home() -> None:
+    bench = Bench(parse("spec: 2\ntransmitters: [{id: 3, lla: [46.0, 7.0, 0], depth_m: 1.5}]", "s.yaml"))
+    bench.run(4.0)
+    assert bench.down() == pytest.approx(1.5, abs=0.01)
+
+
 def test_the_ground_counts_from_home_however_high_the_survey_has_that() -> None:
     def survey(report: Any) -> Any:
         report.terrain_height = 1600.0 + (7.0 if report.lat > 460001000 else 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -382,6 +383,24 @@ def test_without_a_pose_pulses_are_missed() -> None:
         receiver.model.look(Look(t, None, receiver.transmitters))
         t = receiver.model.next_look(t, 9.0)
     assert shown(receiver.model.show(8.0)) == {}
+
+
+def test_a_carrier_beside_weakens_a_signal_and_leaves_its_direction() -> None:
+    weakened = {**PAPER, "carrier_db": ((0.0, 0.0), (40.0, -6.0))}
+    keyings = STEADY, replace(STEADY, carrier_hz=40.0)
+    on, beside = (
+        Hovering(transmitters([10, 10, 0], keyings=[one]), **weakened).read(6.0).channels[0] for one in keyings
+    )
+    assert beside.d_cm == pytest.approx(on.d_cm * 2 ** (1 / 3), rel=0.01)
+    assert beside.delta_deg == on.delta_deg != 0
+
+
+def test_noise_is_interference_above_the_noise_of_the_receiver() -> None:
+    """The paper's noise is 0.651 nA/m."""
+    receiver = Hovering(transmitters([10, 10, 0], keyings=[STEADY]), **PAPER)
+    for second, (noise_na_m, interferes) in enumerate(((0.6, False), (0.7, True)), 3):
+        receiver.impairment = Impairment(noise_na_m=noise_na_m)
+        assert receiver.read(float(second)).interference is interferes
 
 
 def test_antennas_that_fail_saturate_or_hear_electronics_change_what_it_shows_while_they_do() -> None:

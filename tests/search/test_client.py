@@ -25,6 +25,7 @@ from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.runtime.loop import run
 from arva_hil.search.flight.client import SearchClient
+from arva_hil.search.flight.links import QUIET_S
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found, Observation, Position, Velocity, towards
@@ -478,7 +479,7 @@ ARMED_ALREADY = "the vehicle is armed already: a search starts on the ground, or
         (ardupilot, deaf, "no link", "no autopilot:", 60, "an autopilot"),
         (ardupilot, unplugged, "no link", "memory:a: lost: closed by the far end", 0, ""),
         (NO_FIX, unchanged, "failed", "no pose: the position is all zeros: no GPS fix yet", 60, "a pose"),
-        (armed_already, unchanged, "failed", ARMED_ALREADY, 0, ""),
+        (armed_already, unchanged, "failed", ARMED_ALREADY, QUIET_S, ""),
         (ardupilot, winged, "failed", "ardupilotmega fixed_wing 1/1 is not a multirotor", 0, ""),
     ],
 )
