@@ -1,8 +1,10 @@
-"""The options of the programs of this folder."""
+"""What the programs of this folder share: their options, and the memory that they take."""
 
 from __future__ import annotations
 
 import argparse
+import os
+from pathlib import Path
 from typing import Any
 
 
@@ -21,3 +23,9 @@ def parser(doc: str | None, **options: tuple[Any, str]) -> argparse.ArgumentPars
         else:
             made.add_argument(flag, type=type(default), default=default, help=f"{text}; default {default}".strip("; "))
     return made
+
+
+def memory_mb() -> float:
+    """Return the resident memory of this process."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -31,7 +31,7 @@ from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.model.field import LocalFrame
 from tests.every import every
 from tests.kept_events import KeepingSession
-from tools.fuzz.autopilot import BURST, KEY, Bench, Enemy
+from tools.fuzz.autopilot import BURST, KEY, Bench, Enemy, unsigned
 
 HOME = (46.5, 11.35, 1800.0)
 FRAME = LocalFrame(*HOME)
@@ -768,5 +768,5 @@ def test_nothing_hostile_is_believed(key: bytes | None) -> None:
 def test_a_lie_that_is_believed_is_noticed() -> None:
     """Without a key, who says just what the vehicle might say is believed."""
     bench = Bench(random.Random(7), None)
-    bench.hear(Enemy(bench.numbers, bench.past, signing=False).unsigned(bench.boot))
+    bench.hear(unsigned(bench.boot))
     assert bench.wrong["believed others"] == 1

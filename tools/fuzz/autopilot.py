@@ -13,14 +13,12 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import random
 import struct
 import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -30,23 +28,28 @@ from arva_hil.mavlink.signing import Signing
 from arva_hil.model.field import LocalFrame
 from arva_hil.simulated import HOME
 from tools.fuzz.script import packet
-from tools.options import parser
+from tools.options import memory_mb, parser
 
 OTHER_KEY = hashlib.sha256(b"theirs").digest()
-POSITION, ATTITUDE, QUATERNION, BEAT, ACK = 33, 30, 31, 0, 77
-LAYOUTS = {POSITION: "<IiiiihhhH", ATTITUDE: "<Iffffff", QUATERNION: "<Ifffffff", BEAT: "<IBBBBB", ACK: "<HB"}
+LAYOUTS = {"POSITION": (33, "<IiiiihhhH"), "ATTITUDE": (30, "<Iffffff"), "QUATERNION": (31, "<Ifffffff")}
+LAYOUTS |= {"BEAT": (0, "<IBBBBB"), "ACK": (77, "<HB")}
+NO_PLACES = ((0, 0, 0), (910_000_000, 0, 0), (1, -(2**31), 0), (1, 1, 2**31 - 1), (460_000_000, 7, -(10**7)))
+OTHER_VEHICLES = ((6, 8), (2, 8), (2, 12), (26, 3), (18, 8))
 
 
-def payload(msgid: int, *values: float) -> bytes:
-    return struct.pack(LAYOUTS[msgid], *values)
-
-
-def beat(kind: int, autopilot: int, mode: int) -> bytes:
-    return packet(BEAT, payload(BEAT, 0, kind, autopilot, mode, 4, 3), (1, 1))
+def message(kind: str, *values: float) -> tuple[int, bytes]:
+    """Return id and payload."""
+    msgid, layout = LAYOUTS[kind]
+    return msgid, struct.pack(layout, *values)
 
 
 def position(ms: int, lat: int, lon: int, alt: int) -> bytes:
-    return packet(POSITION, payload(POSITION, ms, lat, lon, alt, 0, 0, 0, 0, 0), (1, 1))
+    return packet(*message("POSITION", ms, lat, lon, alt, 0, 0, 0, 0, 0), (1, 1))
+
+
+def unsigned(boot: float) -> bytes:
+    """A message that lacks only the signature."""
+    return position(round(boot * 1e3) + 1, 460_123_100, 77_456_000, 1_650_500)
 
 
 class Enemy:
@@ -55,94 +58,76 @@ class Enemy:
     Each kind gets the vehicle's time [s].
     """
 
-    def __init__(self, numbers: random.Random, past: Sequence[bytes], *, signing: bool) -> None:
-        self.kinds: list[Callable[[float], bytes]] = [
-            self.stranger, self.other_component, self.bad_checksum, self.short, self.long, self.later_version,
-            self.unknown, self.signed, self.spoofed_heartbeat, self.no_values, self.no_place, self.odd_time, self.jump,
-            self.replayed,
-        ]  # fmt: skip
-        if signing:
-            self.kinds += [self.unsigned, self.forged]
-        self._n = numbers
-        self._pick = numbers.choice
-        self._past = past
+    def __init__(self, n: random.Random, past: Sequence[bytes], *, signing: bool) -> None:
+        self._n = n
         self.made: Counter[str] = Counter()
+        self.kinds: dict[str, Callable[[float], bytes]] = {
+            "stranger": lambda s: self._any(s, (n.randrange(2, 256), n.randrange(256)), version=n.choice((1, 2))),
+            "other_component": lambda s: self._any(s, (1, n.randrange(2, 256))),
+            "bad_checksum": self._bad_checksum,
+            "short": self._short,
+            "long": self._long,
+            "later_version": lambda s: self._any(s, (1, 1), flags=n.randrange(2, 256, 2)),
+            "unknown": lambda s: packet(n.randrange(60_000, 2**24), n.randbytes(n.randrange(256)), (1, 1)),
+            "signed": lambda s: self._any(s, (n.randrange(2, 256), 1), flags=1) + n.randbytes(13),
+            "spoofed_heartbeat": lambda s: packet(*message("BEAT", 0, *n.choice(OTHER_VEHICLES), 128, 4, 3), (1, 1)),
+            "no_values": self._no_values,
+            "no_place": lambda s: position(round(s * 1e3), *n.choice(NO_PLACES)),
+            "odd_time": self._odd_time,
+            "jump": lambda s: position(round(s * 1e3), self._far_lat(), 77_456_000, 0),
+            "replayed": lambda s: n.choice(past),
+        }
+        if signing:
+            self.kinds |= {"unsigned": unsigned, "forged": self._forged}
+        self._names = list(self.kinds)
 
     def __call__(self, boot: float) -> bytes:
-        kind = self._pick(self.kinds)
-        self.made[kind.__name__] += 1
-        return kind(boot)
+        kind = self._n.choice(self._names)
+        self.made[kind] += 1
+        return self.kinds[kind](boot)
 
-    def _any(self, boot: float) -> tuple[int, bytes]:
+    def _message(self, boot: float) -> tuple[int, bytes]:
         """Return a message that the vehicle might send, with other values."""
         n, ms = self._n, round(boot * 1e3)
-        msgid = self._pick((POSITION, ATTITUDE, QUATERNION, BEAT, ACK))
-        if msgid == POSITION:
-            return msgid, payload(msgid, ms, n.randrange(1, 9 * 10**8), 70_000_000, 10**6, 0, 0, 0, 0, 0)
-        if msgid == ATTITUDE:
-            return msgid, payload(msgid, ms, n.random(), 1, 2, 0, 0, 0)
-        if msgid == QUATERNION:
-            return msgid, payload(msgid, ms, 0, 1, 0, 0, 0, 0, 0)
-        if msgid == BEAT:
-            return msgid, payload(msgid, 0, 2, 3, 128, 4, 3)
-        return msgid, payload(msgid, 511, 4)
+        values = {
+            "POSITION": (ms, n.randrange(1, 9 * 10**8), 70_000_000, 10**6, 0, 0, 0, 0, 0),
+            "ATTITUDE": (ms, n.random(), 1, 2, 0, 0, 0),
+            "QUATERNION": (ms, 0, 1, 0, 0, 0, 0, 0),
+            "BEAT": (0, 2, 3, 128, 4, 3),
+            "ACK": (511, 4),
+        }
+        kind = n.choice(list(values))
+        return message(kind, *values[kind])
 
-    def stranger(self, boot: float) -> bytes:
-        source = self._n.randrange(2, 256), self._n.randrange(256)
-        return packet(*self._any(boot), source, version=self._pick((1, 2)))
+    def _any(self, boot: float, source: tuple[int, int], *, flags: int = 0, version: int = 2) -> bytes:
+        return packet(*self._message(boot), source, flags=flags, version=version)
 
-    def other_component(self, boot: float) -> bytes:
-        return packet(*self._any(boot), (1, self._n.randrange(2, 256)))
-
-    def bad_checksum(self, boot: float) -> bytes:
-        raw = packet(*self._any(boot), (1, 1))
+    def _bad_checksum(self, boot: float) -> bytes:
+        raw = self._any(boot, (1, 1))
         return raw[:-2] + bytes((raw[-2] ^ self._n.randrange(1, 256), raw[-1]))
 
-    def short(self, boot: float) -> bytes:
-        msgid, payload = self._pick((POSITION, ATTITUDE)), struct.pack("<Iii", round(boot * 1e3), 460_000_000, 7)
-        return packet(msgid, payload[: self._n.randrange(12)], (1, 1), version=1)
+    def _short(self, boot: float) -> bytes:
+        whole = struct.pack("<Iii", round(boot * 1e3), 460_000_000, 7)
+        return packet(self._n.choice((33, 30)), whole[: self._n.randrange(12)], (1, 1), version=1)
 
-    def long(self, boot: float) -> bytes:
-        msgid, payload = self._any(boot)
+    def _long(self, boot: float) -> bytes:
+        msgid, payload = self._message(boot)
         return packet(msgid, payload + self._n.randbytes(self._n.randrange(1, 200)), (2, 1))
 
-    def later_version(self, boot: float) -> bytes:
-        return packet(*self._any(boot), (1, 1), flags=self._n.randrange(2, 256, 2))
-
-    def unknown(self, boot: float) -> bytes:
-        return packet(self._n.randrange(60_000, 2**24), self._n.randbytes(self._n.randrange(256)), (1, 1))
-
-    def signed(self, boot: float) -> bytes:
-        return packet(*self._any(boot), (self._n.randrange(2, 256), 1), flags=1) + self._n.randbytes(13)
-
-    def spoofed_heartbeat(self, boot: float) -> bytes:
-        return beat(*self._pick(((6, 8), (2, 8), (2, 12), (26, 3), (18, 8))), 128)
-
-    def no_values(self, boot: float) -> bytes:
-        odd = self._pick((math.nan, math.inf, -math.inf, 1e30, 50.0))
+    def _no_values(self, boot: float) -> bytes:
+        odd = self._n.choice((math.nan, math.inf, -math.inf, 1e30, 50.0))
         values = [odd if self._n.random() < 0.3 else 0.0 for _ in range(6)] + [odd]
-        return packet(QUATERNION, payload(QUATERNION, round(boot * 1e3), *values), (1, 1))
+        return packet(*message("QUATERNION", round(boot * 1e3), *values), (1, 1))
 
-    def no_place(self, boot: float) -> bytes:
-        places = ((0, 0, 0), (910_000_000, 0, 0), (1, -(2**31), 0), (1, 1, 2**31 - 1), (460_000_000, 7, -(10**7)))
-        return position(round(boot * 1e3), *self._pick(places))
+    def _odd_time(self, boot: float) -> bytes:
+        ms = self._n.choice((0, 2**32 - 1, round(boot * 500), round(boot * 2e3), round(boot * 1e3) - 600))
+        return packet(*message("ATTITUDE", ms, 1, 1, 1, 0, 0, 0), (1, 1))
 
-    def odd_time(self, boot: float) -> bytes:
-        ms = self._pick((0, 2**32 - 1, round(boot * 500), round(boot * 2e3), round(boot * 1e3) - 600))
-        return packet(ATTITUDE, payload(ATTITUDE, ms, 1, 1, 1, 0, 0, 0), (1, 1))
+    def _far_lat(self) -> int:
+        return round((HOME[0] + self._n.choice((-1, 1)) * self._n.uniform(0.01, 40)) * 1e7)
 
-    def jump(self, boot: float) -> bytes:
-        far = round((HOME[0] + self._pick((-1, 1)) * self._n.uniform(0.01, 40)) * 1e7)
-        return position(round(boot * 1e3), far, 77_456_000, 0)
-
-    def replayed(self, boot: float) -> bytes:
-        return self._pick(self._past)
-
-    def unsigned(self, boot: float) -> bytes:
-        return position(round(boot * 1e3) + 1, 460_123_100, 77_456_000, 1_650_500)
-
-    def forged(self, boot: float) -> bytes:
-        raw = packet(*self._any(boot + 0.001), (1, 1), flags=1) + bytes(1) + (2**47).to_bytes(6, "little")
+    def _forged(self, boot: float) -> bytes:
+        raw = self._any(boot + 0.001, (1, 1), flags=1) + bytes(1) + (2**47).to_bytes(6, "little")
         return raw + hashlib.sha256(OTHER_KEY + raw).digest()[:6]
 
 
@@ -242,7 +227,7 @@ def throw_packets(bench: Bench, count: int) -> bool:
         cost.append((time.process_time() - before) / len(data))
         bench.fly()
         if burst % 100 == 0:
-            memory.append(memory_kb())
+            memory.append(round(1e3 * memory_mb()))
     print(f"{sum(enemy.made.values())} packets, {'verified' if bench.key else 'without a key'}: {dict(enemy.made)}")
     return report(bench, cost, memory)
 
@@ -257,7 +242,7 @@ def throw_noise(bench: Bench, size: int) -> bool:
         if len(data) > 100:
             cost.append((time.process_time() - before) / len(data))
             bench.fly()
-            memory.append(memory_kb())
+            memory.append(round(1e3 * memory_mb()))
     print(f"{sent / 1e6:.0f} MB of random bytes, {'verified' if bench.key else 'without a key'}")
     return report(bench, cost, memory)
 
@@ -271,7 +256,3 @@ def report(bench: Bench, cost: list[float], memory: list[int]) -> bool:
     print(f"  per byte {first:.0f} ns in the first tenth, {last:.0f} ns in the last: {last / first:.2f} ×")
     print(f"  memory {warm[0]} kB after a tenth, {warm[-1]} kB in the end, at most {max(warm) - warm[0]:+d} kB")
     return not bench.wrong and max(warm) - warm[0] < GROWTH_KB
-
-
-def memory_kb() -> int:
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024

@@ -3,7 +3,7 @@
     python -m tools soak run [--hours 4]      # of emulated time, as fast as it goes
     python -m tools soak can [--hours 0.17]   # in real time, without faults, through DroneCAN on a virtual bus
 
-The built-in vehicle flies a square, the emulator follows and records, a consumer reads the frames. On the bus, a
+The built-in vehicle flies circles, the emulator follows and records, a consumer reads the frames. On the bus, a
 frame's lateness is the time from its deadline to its bytes at the far end of DroneCAN's serial tunnel: its 99th
 percentile must not be above 5 ms. The exit code is 1 after a failure.
 """
@@ -15,7 +15,6 @@ import csv
 import gc
 import json
 import math
-import os
 import sys
 import tempfile
 import time
@@ -37,15 +36,16 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, memory, open_link
-from arva_hil.mavlink.codec import Encoder, command, dialect
+from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.records.writing import Recorder
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated import HOME
+from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
-from tools.options import parser
+from tools.options import memory_mb, parser
 
 ROOT = Path(__file__).parents[2]
 NEWEST = 600  # frames whose times are kept: memory must not grow
@@ -53,8 +53,8 @@ BUS = "virtual:tunnel"
 P99_MS = 5.0
 HEIGHT_M = 2.0
 SPEED_M_S = 2.0
-SQUARE = ((30.0, 20.0), (30.0, -20.0), (-10.0, -20.0), (-10.0, 20.0))
-GUIDED = 4
+RADIUS_M = 20.0
+CLIMB_S = 5.0
 
 
 def main() -> None:
@@ -102,7 +102,7 @@ def soaked(
     live = Live(emulator, {"autopilot": autopilot}, {"port": port}, Audience([recorder, watch]))
     consumer = Consumer(reader, scenario.output_format, None if late else NEWEST)
     gc.freeze()  # as the commands do
-    tasks: list[Task] = [Simulator([vehicle], [far]), Pilot(vehicle), live, consumer]
+    tasks: list[Task] = [Simulator([vehicle], [far]), Pilot(vehicle, start), live, consumer]
     run(tasks, clock, until=start + hours * 3600)
     run([consumer], clock, until=clock.now() + 0.5)  # what is still on its way
     took = wall.now()
@@ -115,41 +115,29 @@ def soaked(
 
 
 class Pilot:
-    """A pilot that takes off and flies squares."""
+    """A pilot that flies circles."""
 
     links: Sequence[Link] = ()
 
-    def __init__(self, vehicle: SimulatedVehicle) -> None:
+    def __init__(self, vehicle: SimulatedVehicle, start: float) -> None:
         self._vehicle = vehicle
         self._say = Encoder(255, 190)
-        self._next = 0.0
-        self._corner = 0
+        self._next = start + CLIMB_S
+        vehicle.poll(start)
+        vehicle._pilot.set_mode(Mode.GUIDED)
+        vehicle._pilot.arm()
+        vehicle._pilot.take_off(HEIGHT_M)
 
     def service(self, clock: Clock) -> float:
         if (now := clock.now()) >= self._next:
             self._next = now + 0.5
-            self._steer(now)
+            turned = now * SPEED_M_S / RADIUS_M
+            north, east = SPEED_M_S * math.cos(turned), SPEED_M_S * math.sin(turned)
+            move = dialect.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 0b110111000111, 0, 0, 0, north, east, 0, 0, 0, 0, 0, 0
+            )
+            self._vehicle.feed(self._say.pack(move), now)
         return self._next
-
-    def _steer(self, now: float) -> None:
-        north, east, down = self._vehicle.truth(now).ned
-        if down > -0.8 * HEIGHT_M:
-            self._command(now, dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, GUIDED)
-            self._command(now, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-            self._command(now, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, HEIGHT_M)
-            return
-        to_north, to_east = SQUARE[self._corner][0] - north, SQUARE[self._corner][1] - east
-        away = math.hypot(to_north, to_east)
-        if away < 1.0:
-            self._corner = (self._corner + 1) % len(SQUARE)
-        speed = min(SPEED_M_S / away, 1.0)
-        move = dialect.MAVLink_set_position_target_local_ned_message(
-            0, 1, 1, 1, 0b110111000111, 0, 0, 0, speed * to_north, speed * to_east, 0, 0, 0, 0, 0, 0
-        )
-        self._vehicle.feed(self._say.pack(move), now)
-
-    def _command(self, now: float, number: int, *params: float) -> None:
-        self._vehicle.feed(self._say.pack(command(1, 1, number, *params)), now)
 
 
 class Consumer:
@@ -187,8 +175,7 @@ class Watch:
             self.late_s.append(event.late_s)
             self.met.update(event.faults)
             if self._keep and event.instant_s >= 60 * (len(self.memory_mb) + 1):
-                pages = int(Path("/proc/self/statm").read_text().split()[1])
-                self.memory_mb.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+                self.memory_mb.append(memory_mb())
 
 
 def check_time(watch: Watch, rate_hz: float, took_s: float) -> bool:
