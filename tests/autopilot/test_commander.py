@@ -700,7 +700,6 @@ def test_who_has_the_vehicle_follows_from_the_reports_of_its_mode() -> None:
     authority.on_mode(4, 1.0, 1.1)
     now_has(Holder.UNKNOWN)  # until the vehicle has answered
     question = authority.question(1.1)
-    assert question is not None
     authority.on_timesync(SimpleNamespace(tc1=1, ts1=question.ts1))
     authority.on_mode(5, 1.2, 1.3)
     now_has(Holder.OTHER)

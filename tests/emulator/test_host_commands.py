@@ -71,7 +71,6 @@ class Bench(Flown):
     @property
     def counts(self) -> CommandCounters:
         commands = self.live.emulator.vehicles[0].units[0].port.commands
-        assert commands is not None
         return commands.counters
 
 

@@ -40,7 +40,6 @@ def test_a_vector_is_the_pulse_in_its_units() -> None:
     diary, _, _ = frames_of("vector", "vector")
     compared = 0
     for made in diary.frames:
-        assert made.frame.measured is not None
         assert made.frame.measured.time_ms == round(1000 * made.instant_s)
         for channel, c in zip(made.reading.channels, made.frame.measured.channels, strict=True):
             assert c[:3] == (channel.id, channel.zone, channel.marked)

@@ -95,13 +95,12 @@ def test_commands_and_results():
 
 
 def test_commands_in_lines():
-    said = [
-        LINE_HOST.command(Command(7, "mark", (3,))),
-        LINE_HOST.answer(CommandAnswer(7, "mark", "done")),
-        LINE_HOST.command(Command(8, "identify")),
-        LINE_HOST.answer(CommandAnswer(8, "identify", "done", (4,), "paper 1.0 nmea")),
-    ]
-    assert block("commands") == b"".join(said)
+    assert block("commands") == (
+        LINE_HOST.command(Command(7, "mark", (3,)))
+        + LINE_HOST.answer(CommandAnswer(7, "mark", "done"))
+        + LINE_HOST.command(Command(8, "identify"))
+        + LINE_HOST.answer(CommandAnswer(8, "identify", "done", (4,), "paper 1.0 nmea"))
+    )
 
 
 def test_the_approach_is_what_the_paper_s_receiver_says_on_its_way():
@@ -247,6 +246,7 @@ def test_nmea_counts_every_byte(pieces, size):
     "data, frames, bad_crc",
     [
         (ONE_NMEA.replace(b"67", b"66"), [], 1),
+        (ONE_NMEA.replace(b"67", b"66") * 3, [], 3),
         (ONE_NMEA.replace(b"300", b"301"), [], 1),
         (b"$PARVA,1,1" + ONE_NMEA, [ONE_LINE], 0),
         (b"x" * 500 + ONE_NMEA, [ONE_LINE], 0),
@@ -317,14 +317,6 @@ def test_nmea_sentences_of_a_frame_come_without_a_pause(pause, frames):
     assert decoder.lost == 0
 
 
-def test_a_pause_of_100_ms_is_one():
-    nmea, text = NmeaDecoder(), TextDecoder()
-    nmea.feed(FIRST, 0.0)
-    assert nmea.feed(SECOND, 0.1) == []
-    text.feed(b"12", 0.0)
-    assert text.feed(b"34,5\r\n", 0.1) == []
-
-
 def test_nmea_a_frame_that_is_given_up_costs_all_its_sentences():
     whole = encode_nmea(Frame(9, 1, (Channel(), Channel(), Channel())))
     first, second, third = whole.splitlines(keepends=True)
@@ -334,13 +326,6 @@ def test_nmea_a_frame_that_is_given_up_costs_all_its_sentences():
     assert decoder.dropped == len(whole)
 
 
-def test_nmea_every_wrong_checksum_is_counted():
-    decoder = NmeaDecoder()
-    for count in range(1, 4):
-        decoder.feed(ONE_NMEA.replace(b"67", b"66"), 0.0)
-        assert decoder.bad_crc == count
-
-
 def test_nmea_line_end_and_checksum_in_either_case():
     marked = sentence(b"PARVA,1,1,1,1,,128,-1,-1")
     assert marked.endswith(b"*6F\r\n")
@@ -348,13 +333,6 @@ def test_nmea_line_end_and_checksum_in_either_case():
         decoder = NmeaDecoder()
         assert decoder.feed(line, 0.0) == [Frame(1, 1, (Channel(marked=True),))]
         assert decoder.dropped == 0
-
-
-def test_nmea_lost():
-    decoder = NmeaDecoder()
-    for sequence in (254, 255, 0, 3):
-        decoder.feed(encode_nmea(ONE_LINE._replace(sequence=sequence)), 0.0)
-    assert (decoder.good, decoder.lost) == (4, 2)
 
 
 @pytest.mark.parametrize(
@@ -563,11 +541,15 @@ def test_a_second_of_waiting_is_not_seven():
     assert (decoder.good, decoder.dropped) == (7, 7 * len(LONG_HEAD))
 
 
-def test_exactly_100_ms_is_too_long():
-    decoder = Decoder()
-    decoder.feed(ONE_FRAME[:-1], 0.0)
-    assert decoder.feed(ONE_FRAME[-1:], 0.1) == []
-    assert decoder.dropped == len(ONE_FRAME)
+@every(
+    "name, first, second",
+    [("nmea", FIRST, SECOND), ("text", b"12", b"34,5\r\n"), ("binary", ONE_FRAME[:-1], ONE_FRAME[-1:])],
+)
+def test_exactly_100_ms_is_too_long(name, first, second):
+    decoder = FORMATS[name].decoder()
+    decoder.feed(first, 0.0)
+    assert decoder.feed(second, 0.1) == []
+    assert decoder.dropped == len(first + second)
 
 
 @pytest.mark.parametrize("cast", [bytes, bytearray, memoryview])
@@ -588,15 +570,33 @@ def test_no_flipped_bit_goes_unseen(frame, at, bit):
 @every(
     "sequences, lost",
     [
-        *[([5], 0), ([5, 6, 7], 0), ([254, 255, 0, 1], 0), ([5, 5], 0), ([5, 8], 2), ([255, 1], 1), ([105, 104], 254)],
-        *[([239, 0], 16), ([228, 0], 0), ([229, 15], 0), ([5, 4], 0), ([5, 16], 10), ([20, 16], 251)],
+        *[
+            ([5], 0),
+            ([5, 6, 7], 0),
+            ([254, 255, 0, 1], 0),
+            ([254, 255, 0, 3], 2),
+            ([5, 5], 0),
+            ([5, 8], 2),
+            ([255, 1], 1),
+            ([105, 104], 254),
+        ],
+        *[
+            ([239, 0], 16),
+            ([228, 0], 0),
+            ([229, 15], 0),
+            ([5, 4], 0),
+            ([5, 16], 10),
+            ([20, 16], 251),
+            ([254, 255, 0, 3], 2),
+        ],
     ],
 )
 def test_lost(sequences, lost):
-    decoder = Decoder()
-    for sequence in sequences:
-        decoder.feed(encode(Frame(sequence, 1, (Channel(),))), 0.0)
-    assert (decoder.good, decoder.lost) == (len(sequences), lost)
+    for form in (BINARY, NMEA):
+        decoder = form.decoder()
+        for sequence in sequences:
+            decoder.feed(form.encode(Frame(sequence, 1, (Channel(),))), 0.0)
+        assert (decoder.good, decoder.lost) == (len(sequences), lost)
 
 
 def one(**fields):

@@ -111,7 +111,6 @@ def test_a_consumer_that_wanted_it_alone_and_died_bars_nobody(line: PtyLink, use
     )
     command = [sys.executable, "-c", program, line.path]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
-        assert child.stdout
         assert child.stdout.readline() == b"alone\n"
         line.read()
         line.write(b"frame")
@@ -163,7 +162,6 @@ def test_where_the_system_does_not_tell_who_closes_it_works_as_ever(
 ) -> None:
     monkeypatch.setitem(sys.modules, "ctypes", None)
     line = keep(PtyLink())
-    assert isinstance(line, PtyLink)
     fd = consumer(line)
     tty.setraw(fd)
     assert line.write(b"frame")
@@ -187,7 +185,6 @@ class Killed:
         )
         command = [sys.executable, "-c", program, str(self.link)]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
-            assert child.stdout
             self.number = child.stdout.readline().decode().strip()
             assert pty.is_in_use(str(self.link))
             child.send_signal(signal.SIGKILL)
@@ -221,7 +218,6 @@ def stranger(killed: Killed) -> Iterator[Any]:
 @pytest.mark.usefixtures("stranger")
 def test_a_link_of_a_killed_program_that_leads_to_a_strangers_terminal_is_replaced(killed: Killed, keep: Keep) -> None:
     near = keep(PtyLink(str(killed.link)))
-    assert isinstance(near, PtyLink)
     assert os.readlink(killed.link) == near.path != killed.number
     assert [path.name for path in killed.link.parent.iterdir()] == ["arva0"]
     near.close()
@@ -254,7 +250,6 @@ def test_a_link_somebody_else_made_to_a_living_terminal_is_followed_and_not_repl
 ) -> None:
     """As socat makes one; whoever later changes who may use the terminal does not make it stale."""
     far = keep(PtyLink())
-    assert isinstance(far, PtyLink)
     (link := tmp_path / "line").symlink_to(far.path)
     keep(open_serial(str(link)))
     with pytest.raises(
@@ -267,7 +262,6 @@ def test_a_link_somebody_else_made_to_a_living_terminal_is_followed_and_not_repl
 def test_our_own_living_link_is_followed_whoever_changed_the_terminals_permissions(tmp_path: Path, keep: Keep) -> None:
     link = tmp_path / "arva0"
     near = keep(PtyLink(str(link)))
-    assert isinstance(near, PtyLink)
     os.utime(link, ns=(0, 0), follow_symlinks=False)
     os.chmod(near.path, 0o666)
     assert pty.is_in_use(str(link))
@@ -282,7 +276,6 @@ def test_our_own_living_link_is_followed_whoever_changed_the_terminals_permissio
 def test_a_link_is_vouched_for_until_its_program_closes_it(tmp_path: Path, keep: Keep) -> None:
     link, other = tmp_path / "arva0", tmp_path / "other"
     near = keep(PtyLink(str(link)))
-    assert isinstance(near, PtyLink)
     other.symlink_to(near.path)
     assert pty.is_in_use(str(link))
     assert not pty.is_in_use(str(other))

@@ -27,7 +27,6 @@ def program(code: str, *arguments: str) -> Iterator[tuple[int, str]]:
     with subprocess.Popen(
         [sys.executable, "-c", code, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as process:
-        assert process.stdout is not None
         assert select.select([process.stdout], [], [], 20)[0]
         yield process.pid, process.stdout.readline().decode().strip()
         process.kill()

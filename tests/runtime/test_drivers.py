@@ -49,7 +49,6 @@ class Socket:
         return near
 
     def pull(self) -> None:
-        assert self.far
         self.far.close()
         self.far = None
 
@@ -199,7 +198,6 @@ def test_streams_are_asked_for_again_at_once(bench: Bench, rebooted: bool) -> No
 def test_whose_boot_time_is_a_little_less_on_a_new_link_has_rebooted(bench: Bench) -> None:
     """On the same link it may be a packet that comes late."""
     boot = bench.session.navigation.clock.boot(bench.clock.now())
-    assert boot is not None
     late = dialect.MAVLink_attitude_message(round(boot * 1e3) - 300, 0, 0, 0, 0, 0, 0)
     packet = Encoder(1, 1).pack(late)
     now = bench.clock.now()
@@ -221,7 +219,6 @@ def test_nothing_is_asked_twice_of_one_that_stayed(bench: Bench) -> None:
 
 def test_a_packet_torn_by_the_loss_costs_nothing_of_the_next_session(bench: Bench) -> None:
     torn = bench.vehicle.poll(bench.clock.now() + 1.0)[:100]
-    assert bench.autopilot.far
     bench.autopilot.far.write(torn[:-3])
     bench.run(0.05)
     bench.autopilot.pull()
@@ -236,7 +233,6 @@ def test_a_packet_torn_by_the_loss_costs_nothing_of_the_next_session(bench: Benc
 def test_at_the_end_of_a_run_the_last_bytes_are_used_and_what_is_due_is_done_and_told(bench: Bench) -> None:
     clock, made = bench.clock, len(bench.diary.frames)
     clock.wait(bench.emulator.schedule.deadline)
-    assert bench.autopilot.far
     bench.autopilot.far.write(last := Encoder(1, 1).pack(dialect.MAVLink_statustext_message(4, b"low battery")))
     bench.emulator._read("autopilot", clock, clock.now())
     bench.emulator.finish(clock)
@@ -246,7 +242,6 @@ def test_at_the_end_of_a_run_the_last_bytes_are_used_and_what_is_due_is_done_and
 
 
 def test_what_a_consumer_says_is_read_and_forgotten(bench: Bench) -> None:
-    assert bench.port.far
     bench.port.far.write(b"hello?")
     bench.run(0.3)
     assert not bench.port.link.ready()

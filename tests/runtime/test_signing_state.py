@@ -139,7 +139,6 @@ def test_it_lies_in_the_home_folder_unless_told_otherwise(
 ) -> None:
     monkeypatch.setenv("HOME", "/home/somebody")
     path = state_file(KEY, environment)
-    assert path is not None
     assert path.parent == Path("/home/somebody/.local/state/arva-hil")
 
 
