@@ -39,11 +39,14 @@ _INTEGERS: Final = {  # MAV_PARAM_TYPE → struct: PX4 copies the bytes of an in
 
 
 class Failsafes:
-    """Remembers the answers of one vehicle. `values`: value by parameter, as far as known; `px4`: it is a PX4."""
+    """Remembers the answers of one vehicle. `values`: value by parameter, as far as known; `px4`: it is a PX4.
+
+    `reported`: a person knows them.
+    """
 
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
-        self.px4 = False
+        self.px4 = self.reported = False
         self._names: tuple[str, ...] = ()
         self._tries = 0
         self._next = -math.inf

@@ -213,34 +213,10 @@ class Hover:
         return because(Why.MOVES, speed=speed) if speed >= _STILL_M_S else None
 
 
-class ArmingDelay:
-    """The count-down before propellers turn [s]. Remembers when it ends, and the number to report next."""
-
-    def __init__(self, seconds: float, emit: Callable[[Event], None]) -> None:
-        self._seconds = seconds
-        self._emit = emit
-        self._end_s = math.inf
-        self._next_report = 0
-
-    def restart(self) -> None:
-        """Begin again at the next call of `is_over`."""
-        self._end_s = math.inf
-
-    def is_over(self, now: float, *, taken_over: bool) -> bool:
-        """Count down. Returns True at the end. `taken_over`: the vehicle flies already."""
-        if self._end_s == math.inf:
-            self._end_s = now + self._seconds
-            self._next_report = math.ceil(self._seconds)
-        left = self._end_s - now
-        if 0 < left <= self._next_report:
-            self._emit(CountDown(now, self._next_report, taken_over))
-            self._next_report = math.ceil(left) - 1
-        return left <= 0
-
-
 class ModeWatch:
     """Remembers the mode of the last heartbeat; None if none came since the link was opened, or since a gap.
 
+    `armed_since`: the first check that found the vehicle armed [s].
     `taken`: another program has set the mode that follows set-points. The mode that the commander's authority remembers
     is not used: it may come from a CURRENT_MODE before the first heartbeat, which says whose mode it is.
     """
@@ -248,6 +224,7 @@ class ModeWatch:
     def __init__(self) -> None:
         self.mode: int | None = None
         self.taken = False
+        self.armed_since = math.inf
 
     def on_heartbeat(self, message: Any) -> None:
         """Use a heartbeat of the vehicle."""
@@ -257,13 +234,20 @@ class ModeWatch:
 
 
 class Wait:
-    """Remembers since when a search waits, and what for. The time in which a person is asked does not count."""
+    """The wait until all is ready, at most `limit_s`, then the count-down before propellers turn.
 
-    def __init__(self, start: float, limit_s: float, emit: Callable[[Event], None]) -> None:
+    Remembers since when a search waits, and what for. The time in which a person is asked does not count. Remembers the
+    end of the count-down, and the number to report next.
+    """
+
+    def __init__(self, start: float, limit_s: float, countdown_s: float, emit: Callable[[Event], None]) -> None:
         self._since = self._checked_s = start
         self._limit_s = limit_s
+        self._countdown_s = countdown_s
         self._emit = emit
         self._what: Lacking | None = None
+        self._end_s = math.inf
+        self._next_report = 0
 
     def check(self, now: float, *, asking: bool) -> None:
         """Continue until now."""
@@ -273,10 +257,26 @@ class Wait:
 
     def lack(self, what: Lacking, now: float, kind: Kind, why: Reason) -> Refusal | bool:
         """Wait for what is not ready. Returns False, or a refusal after the limit."""
+        self.restart()
         if what != self._what:
             self._what = what
             self._emit(WaitingFor(now, what))
         return Refusal(kind, why) if now - self._since > self._limit_s else False
+
+    def restart(self) -> None:
+        """Count down from the beginning at the next call of `is_over`."""
+        self._end_s = math.inf
+
+    def is_over(self, now: float, *, taken_over: bool) -> bool:
+        """Count down. Returns True at the end. `taken_over`: the vehicle flies already."""
+        if self._end_s == math.inf:
+            self._end_s = now + self._countdown_s
+            self._next_report = math.ceil(self._countdown_s)
+        left = self._end_s - now
+        if 0 < left <= self._next_report:
+            self._emit(CountDown(now, self._next_report, taken_over))
+            self._next_report = math.ceil(left) - 1
+        return left <= 0
 
 
 class Preflight:
@@ -304,15 +304,12 @@ class Preflight:
         self._monitor = LinkMonitor("autopilot", autopilot, self._lost, session.resume)
         self._receiver = receiver
         self._commander = commander
-        self._wait = Wait(start, plan.timeout_s, emit)
+        self._wait = Wait(start, plan.timeout_s, 0.0 if plan.dry_run else plan.countdown_s, emit)
         self._plan = plan
         self._permission = permission
         self._hover = Hover(session) if plan.take_over else None
-        self._delay = ArmingDelay(0.0 if plan.dry_run else plan.countdown_s, emit)
-        self._failsafes_reported = False
         self._alone = False  # True if no other program read the receiver at the first check
         self._watch = ModeWatch()
-        self._armed_since = math.inf
 
     def on_packets(self, received: Received) -> None:
         """Use what the session received."""
@@ -335,7 +332,7 @@ class Preflight:
     def restart(self) -> None:
         """Wait for a heartbeat after a gap, and begin the count-down again."""
         self._watch.mode = None
-        self._delay.restart()
+        self._wait.restart()
         if self._permission:  # the vehicle may be another one
             self._permission.forget()
 
@@ -353,31 +350,33 @@ class Preflight:
         self._wait.check(now, asking=self._permission is not None and self._permission.consent is Consent.ASKING)
         session, mode = self._session, self._watch.mode
         if self._monitor.link.away:
-            return self._lack("link", now, "no link", because(Why.ERROR, text=self._monitor.link.why))
+            return self._wait.lack("link", now, "no link", because(Why.ERROR, text=self._monitor.link.why))
         if session.vehicle is None or mode is None:
-            return self._lack("autopilot", now, "no link", because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle()))
+            return self._wait.lack(
+                "autopilot", now, "no link", because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle())
+            )
         if self._watch.taken and not self._hover:
             return Refusal("failed", because(Why.MODE_SET_BY_PROGRAM))
         if session.vehicle.armed and not self._hover:
-            self._armed_since = min(self._armed_since, now)
-            if now - self._armed_since < QUIET_S:  # another search that flies the vehicle announces itself
+            self._watch.armed_since = min(self._watch.armed_since, now)
+            if now - self._watch.armed_since < QUIET_S:  # another search that flies the vehicle announces itself
                 return False
             return Refusal("failed", because(Why.ARMED_ALREADY))
         if self._receiver.silent(now):
-            return self._lack("frame", now, "no link", self._receiver.why_silent(now))
+            return self._wait.lack("frame", now, "no link", self._receiver.why_silent(now))
         if not self._has_pose(now):
-            return self._lack("pose", now, "failed", because(Why.NO_POSE, lacking=session.why_no_pose()))
+            return self._wait.lack("pose", now, "failed", because(Why.NO_POSE, lacking=session.why_no_pose()))
         if self._hover and (moving := self._hover.why_not(now, mode)):
-            return self._lack("hover", now, "failed", because(Why.CANNOT_TAKE_OVER, because=moving))
+            return self._wait.lack("hover", now, "failed", because(Why.CANNOT_TAKE_OVER, because=moving))
         battery = self._commander.battery.why(now)
         if battery is Why.BATTERY_LOW:
             return Refusal("failed", because(Why.BATTERY_LOW_BEFORE))
         if battery is not None:
-            return self._lack("battery", now, "failed", because(Why.BATTERY_UNKNOWN_BEFORE))
+            return self._wait.lack("battery", now, "failed", because(Why.BATTERY_UNKNOWN_BEFORE))
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)
-        ready = self._delay.is_over(now, taken_over=self._hover is not None) if permitted is True else permitted
+        ready = self._wait.is_over(now, taken_over=self._hover is not None) if permitted is True else permitted
         if ready is True or not self._alone:  # again after a person was asked, because it may have changed
             self._alone = True
             if others := other_readers(self._receiver.name):
@@ -386,8 +385,8 @@ class Preflight:
 
     def _permitted(self, now: float) -> Refusal | bool:
         """Return True if the vehicle may be armed, False while that is unknown, or a refusal."""
-        if not self._failsafes_reported:
-            self._failsafes_reported = True
+        if not self.failsafes.reported:
+            self.failsafes.reported = True
             parameters = tuple(self.failsafes.values.items())
             autopilot: AutopilotKind = "px4" if self.failsafes.px4 else "ardupilot"
             self._emit(FailsafesKnown(now, autopilot, parameters, self._commander.sticks.remote))
@@ -412,10 +411,6 @@ class Preflight:
         if fence.points:
             self._emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
         return None
-
-    def _lack(self, what: Lacking, now: float, kind: Kind, why: Reason) -> Refusal | bool:
-        self._delay.restart()
-        return self._wait.lack(what, now, kind, why)
 
     def _has_pose(self, now: float) -> bool:
         place = self._session.navigation.track.last_position
