@@ -99,9 +99,6 @@ class SetPoints:
         self._last = -math.inf
         self._longest = (0.0, -math.inf)  # the gap [s], and when it ended
 
-    def due(self, now: float) -> bool:
-        return now >= self.next_s
-
     def message(self, vehicle: Vehicle, *, still: bool) -> Any:
         """Return a set-point: velocity (0 if `still`) and heading. It has an effect in the mode `steer` only."""
         to = 0, vehicle.system, vehicle.component, dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
@@ -394,7 +391,7 @@ class Commander(FlightState):
         messages, vehicle = [], self._vehicle
         if not self._steered:
             self._set_points.rest()
-        elif self._set_points.due(now):
+        elif now >= self._set_points.next_s:
             self._offered.append(self._set_points.left)
             messages.append(self._set_points.message(vehicle, still=self.phase is not Phase.FLYING))
         if now >= self._times.next_order:

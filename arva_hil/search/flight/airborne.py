@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -198,19 +198,11 @@ class SetPointCheck:
 
     def _judge(self, time_s: float) -> Deviation | None:
         window = self._window
-        seconds = squared = 0.0
-        for sample in window:
-            seconds += sample.seconds
-            squared += sample.squared
-        while window:
-            first = window[0]
-            without = seconds - first.seconds, squared - first.squared
-            if time_s - first.time_s <= _OLDEST_S and not _is_enough(*without):
-                break
+        while window and (time_s - window[0].time_s > _OLDEST_S or _is_enough(list(window)[1:])):
             window.popleft()
-            seconds, squared = without
-        if not _is_enough(seconds, squared):
+        if not _is_enough(window):
             return None
+        seconds, squared = sum([sample.seconds for sample in window]), sum([sample.squared for sample in window])
         by_velocity, by_position = (sum(values) / squared for values in zip(*(s.products for s in window), strict=True))
         speed = math.sqrt(squared / seconds)
         scale = min(1.0, 1.0 / speed)
@@ -221,9 +213,10 @@ class SetPointCheck:
         return Deviation(seconds, speed * seconds, abs(by_velocity) * speed * seconds, off_deg)
 
 
-def _is_enough(seconds: float, squared: float) -> bool:
-    """Return True if a window is long enough [s], and the sum of its squared commands large enough [m²/s]."""
-    return seconds >= _WINDOW_S - 1e-6 and squared >= _LEAST
+def _is_enough(window: Collection[_Sample]) -> bool:
+    """Return True if a window is long enough, and the sum of its squared commands large enough."""
+    long = sum([sample.seconds for sample in window]) >= _WINDOW_S - 1e-6
+    return long and sum([sample.squared for sample in window]) >= _LEAST
 
 
 class Detour:

@@ -16,7 +16,7 @@ from arva_hil.events import Event, PacketsReceived
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import Launched, OwnMarkHeard, SearchHeldUp, SearchInterrupted
 from arva_hil.links import Link, LinkError, Sender
-from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.flight.airborne import Flight, FlightSetup, FlownPose
 from arva_hil.search.flight.dry_run import DryRun
@@ -142,19 +142,16 @@ class SearchClient:
         self._events += received.events
         if self._tell_packets:
             self._events.append(PacketsReceived(now, self._session.name, received.own))
+        vehicle = self._session.vehicle
         for packet in (*received.others, *received.refused):
-            if packet.msgid == _MARK and packet.component == COMPONENT and self._is_vehicle(packet):
+            if (packet.msgid, packet.component) == (_MARK, COMPONENT) and vehicle and packet.system == vehicle.system:
                 self._events.append(OwnMarkHeard(now))
-        self._others.on_packets(received, self._session.vehicle, now)
+        self._others.on_packets(received, vehicle, now)
         self._preflight.on_packets(received)
         self._commander.on_packets(received, now, since)
         self._flight.on_packets(received, now)
         senders = self._session.senders
         self._line.link.follow(senders.vehicle, senders.candidates)
-
-    def _is_vehicle(self, packet: Packet) -> bool:
-        vehicle = self._session.vehicle
-        return vehicle is not None and packet.system == vehicle.system
 
     def _on_gap(self, now: float, gap_s: float) -> None:
         """Handle a gap without reading: all that is known is stale."""

@@ -348,13 +348,11 @@ class Preflight:
     def check(self, now: float) -> Refusal | bool:
         """Return True if all is ready for the flight, False while it is not, a refusal if it cannot become ready."""
         self._wait.check(now, asking=self._permission is not None and self._permission.consent is Consent.ASKING)
-        session, mode = self._session, self._watch.mode
+        session, mode, lack = self._session, self._watch.mode, self._wait.lack
         if self._monitor.link.away:
-            return self._wait.lack("link", now, "no link", because(Why.ERROR, text=self._monitor.link.why))
+            return lack("link", now, "no link", because(Why.ERROR, text=self._monitor.link.why))
         if session.vehicle is None or mode is None:
-            return self._wait.lack(
-                "autopilot", now, "no link", because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle())
-            )
+            return lack("autopilot", now, "no link", because(Why.NO_AUTOPILOT, heard=session.why_no_vehicle()))
         if self._watch.taken and not self._hover:
             return Refusal("failed", because(Why.MODE_SET_BY_PROGRAM))
         if session.vehicle.armed and not self._hover:
@@ -363,16 +361,16 @@ class Preflight:
                 return False
             return Refusal("failed", because(Why.ARMED_ALREADY))
         if self._receiver.silent(now):
-            return self._wait.lack("frame", now, "no link", self._receiver.why_silent(now))
+            return lack("frame", now, "no link", self._receiver.why_silent(now))
         if not self._has_pose(now):
-            return self._wait.lack("pose", now, "failed", because(Why.NO_POSE, lacking=session.why_no_pose()))
+            return lack("pose", now, "failed", because(Why.NO_POSE, lacking=session.why_no_pose()))
         if self._hover and (moving := self._hover.why_not(now, mode)):
-            return self._wait.lack("hover", now, "failed", because(Why.CANNOT_TAKE_OVER, because=moving))
+            return lack("hover", now, "failed", because(Why.CANNOT_TAKE_OVER, because=moving))
         battery = self._commander.battery.why(now)
         if battery is Why.BATTERY_LOW:
             return Refusal("failed", because(Why.BATTERY_LOW_BEFORE))
         if battery is not None:
-            return self._wait.lack("battery", now, "failed", because(Why.BATTERY_UNKNOWN_BEFORE))
+            return lack("battery", now, "failed", because(Why.BATTERY_UNKNOWN_BEFORE))
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)

@@ -356,12 +356,12 @@ class Mission:
                 return
             self._reached = answer
             self.victims.aside.moving.pop(target, None)
-            self._tell(answer.found, id_of(target), time_s)
+            self._report_found(answer.found, id_of(target), time_s)
         if answer.belief is not None and time_s >= self._belief_s:
             self._belief_s = time_s + _BELIEF_S
             self._emit(BeliefChanged(time_s, id_of(target), *answer.belief))
 
-    def _tell(self, found: Found, id_: int | None, time_s: float) -> None:
+    def _report_found(self, found: Found, id_: int | None, time_s: float) -> None:
         """Report a place found."""
         spread = self.accuracy.relative(found), self.accuracy.on_earth(found)
         self._emit(PlaceFound(time_s, id_, found.north, found.east, found.covariance, self.sure, *spread))

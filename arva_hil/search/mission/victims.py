@@ -237,7 +237,8 @@ class Victims:
         for number, victim in enumerate(self.places):
             sigma = math.hypot(found.sigma or _SIGMA_M, victim.found.sigma or _SIGMA_M)
             apart = math.dist(found[:2], victim.found[:2])
-            together = any(frozenset((id_, other)) in self._together for other in self._ids(number))
+            others = [other for other, known in self.known.items() if known == number]
+            together = any(frozenset((id_, other)) in self._together for other in others)
             if apart < max(_LEAST_M, _WITHIN * sigma) and not together:
                 self._know(id_, number)
                 self._emit(VictimAgain(time_s, id_of(id_), number + 1, apart))
@@ -284,6 +285,3 @@ class Victims:
     def _know(self, id_: int, number: int) -> None:
         if id_ != NO_ID:
             self.known[id_] = number
-
-    def _ids(self, number: int) -> list[int]:
-        return [id_ for id_, known in self.known.items() if known == number]

@@ -188,7 +188,8 @@ class Teammate:
         """
         news = [told for told in (self._told, *self._others.values()) if told]
         every = sorted((one for told in news for one in told.heard), key=lambda one: -one.metres)
-        places = {one.id: self._seen(one.lat, one.lon) for one in every if not self._is_someones(one.id)}
+        left = [one for one in every if one.id not in self._own and not self.taken(one.id, own=False)]
+        places = {one.id: self._seen(one.lat, one.lon) for one in left}
         places = {id_: place for id_, place in places.items() if not self._edges(place)}
         free = {other.number: self._seen(*other.lla[:2]) for other in self._alive() if other.free}
         free[self.number] = position[:2]
@@ -215,8 +216,11 @@ class Teammate:
 
         These make no room: they have landed, are silent, or descend themselves and have precedence.
         """
-        every = self._others.values()
-        taken = [other for other in every if not other.flying or self._is_old(other) or self._ends_before(other)]
+        taken = [
+            other
+            for other in self._others.values()
+            if not other.flying or self._is_old(other) or (other.ended and self._goes_first(other))
+        ]
         return clear_of(place, [(self._seen(*other.lla[:2]), self._apart_m(other)) for other in taken])
 
     @property
@@ -256,8 +260,7 @@ class Teammate:
     @property
     def under_another(self) -> bool:
         """True if another one is above its vehicle, which is on the ground, or may be: it must not take off."""
-        others = [(other, self._age_s(other)) for other in self._others.values()]
-        return self._told is not None and not may_take_off(others, self._told.lla, self._speed)
+        return self._told is not None and not may_take_off(self._ages(), self._told.lla, self._speed)
 
     def apart(self, position: Position, velocity: Position, speed: float) -> Position:
         """Return the velocity without the part that leads to another vehicle, at most `speed` [m/s] horizontally.
@@ -282,15 +285,17 @@ class Teammate:
         return [way for way, metres in outside.items() if metres > _OUTSIDE_M]
 
     def _neighbours(self, position: Position) -> list[Near]:
-        others = [(other, self._age_s(other)) for other in self._others.values()]
-        return neighbours(others, self._origin, position, self._speed) if self._origin else []
+        return neighbours(self._ages(), self._origin, position, self._speed) if self._origin else []
 
     def _makes_room(self, one: Near) -> bool:
-        first = self._told is not None and goes_first(one.other, self._told)
+        first = self._goes_first(one.other)
         return (one.level and (first or one.overdue)) or (one.coming_down and first)
 
-    def _ends_before(self, other: News) -> bool:
-        return other.ended and self._told is not None and goes_first(other, self._told)
+    def _goes_first(self, other: News) -> bool:
+        return self._told is not None and goes_first(other, self._told)
+
+    def _ages(self) -> list[tuple[News, float]]:
+        return [(other, self._age_s(other)) for other in self._others.values()]
 
     def _age_s(self, other: News) -> float:
         return math.inf if other.lost else self._now - max(other.time_s, self._deaf_until_s)
@@ -324,9 +329,6 @@ class Teammate:
 
     def _is_found(self, id_: int) -> bool:
         return id_ in self._own or any(id_ in other.found for other in self._others.values())
-
-    def _is_someones(self, id_: int) -> bool:
-        return id_ in self._own or self.taken(id_, own=False)
 
     def _seen(self, lat: float, lon: float) -> tuple[float, float]:
         """Return a place from the own take-off point."""
