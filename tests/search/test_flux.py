@@ -16,11 +16,10 @@ from scipy.spatial.transform import Rotation
 from arva_hil.model.field import Transmitters
 from arva_hil.model.receiver import Antennas, Zone
 from arva_hil.search.strategies.agreement import Evidence
-from arva_hil.search.strategies.cross import Cross, middle
 from arva_hil.search.strategies.dipole import MOST, DipoleReadings, Reading, evaluate, likely_pose_error, refine, seeds
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum, minimum
-from arva_hil.search.strategies.flux import Flux
+from arva_hil.search.strategies.flux import Cross, Flux, middle
 from arva_hil.search.strategies.strategy import Observation, Strategy, Velocity
 from tests.paper_receiver import Receiver
 from tests.search.world import PAPER, fly, fly_to_buried

@@ -52,13 +52,11 @@ class StuckReadings:
 
     def observe(self, heard: Sequence[Channel], position: Position, time_s: float) -> None:
         """Use the channels of a new frame that have a signal, and the receiver's place."""
-        self.whole = self.whole.after(tuple(heard), position, time_s)
-        before, self._each, by_id = self._each, {}, dict[int, list[Channel]]()
-        for channel in heard:
-            by_id.setdefault(NO_ID if channel.id is None else channel.id, []).append(channel)
-        for id_, channels in by_id.items():
-            same = before.get(id_) or SameReading(tuple(channels), position)
-            self._each[id_] = same.after(tuple(channels), position, time_s)
+        self.whole, before, self._each = self.whole.after(tuple(heard), position, time_s), self._each, {}
+        for id_ in {channel.id for channel in heard}:
+            channels = tuple([channel for channel in heard if channel.id == id_])
+            key = NO_ID if id_ is None else id_
+            self._each[key] = before.get(key, SameReading(channels, position)).after(channels, position, time_s)
 
 
 class SameReading:
