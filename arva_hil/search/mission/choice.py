@@ -56,7 +56,8 @@ class StuckReadings:
         for id_ in {channel.id for channel in heard}:
             channels = tuple([channel for channel in heard if channel.id == id_])
             key = NO_ID if id_ is None else id_
-            self._each[key] = before.get(key, SameReading(channels, position)).after(channels, position, time_s)
+            same = before.get(key) or SameReading(channels, position)
+            self._each[key] = same.after(channels, position, time_s)
 
 
 class SameReading:
