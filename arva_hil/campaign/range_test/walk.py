@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from arva_hil.config import KeyingOptions, Scenario, Transmitter
 from arva_hil.emulator.build import receiver, transmitters, vehicle_noise
 from arva_hil.model.field import LocalFrame, rotation
+from arva_hil.model.field.arrays import Array
 from arva_hil.model.receiver import Impairment, Look, Pose
-
-Floats = NDArray[np.float64]
 
 HOVER_LOAD: Final = 0.5  # of the motors, 0…1
 _HERE: Final = LocalFrame(0.0, 0.0, 0.0)
@@ -57,8 +55,8 @@ class RangePlan:
 class Walk(NamedTuple):
     """The result of one walk, frame by frame (N,). `first_m`, `stable_m`: see `signals`."""
 
-    range_m: Floats  # true distance between transmitter and receiver
-    d_m: Floats  # of the nearest channel with a signal; NaN without any
+    range_m: Array  # true distance between transmitter and receiver
+    d_m: Array  # of the nearest channel with a signal; NaN without any
     first_m: float | None
     stable_m: float | None
 
@@ -77,7 +75,7 @@ def walked(scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int,
         start_m = min(2 * start_m, plan.farthest_m)
 
 
-def signals(range_m: Floats, d_m: Floats, stable_frames: float) -> tuple[float | None, float | None]:
+def signals(range_m: Array, d_m: Array, stable_frames: float) -> tuple[float | None, float | None]:
     """Return the distances of the first signal and of the first stable signal, metres; None: there was none.
 
     A stable one is the first frame with a signal after which every frame has one, for `stable_frames` frames. Single
@@ -94,7 +92,7 @@ def signals(range_m: Floats, d_m: Floats, stable_frames: float) -> tuple[float |
 
 def _walk(
     scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int, start_m: float, motors: bool
-) -> tuple[Floats, Floats]:
+) -> tuple[Array, Array]:
     """Return true range and d of each frame."""
 
     def place(time_s: float) -> tuple[float, float, float]:

@@ -19,8 +19,7 @@ class TextHistory:
     def __init__(self, recent: int = RECENT, old: int = OLD) -> None:
         self._most_recent = recent
         self._most_old = old
-        self._recent: list[str] = []
-        self._versions: list[int] = []  # of those in _recent
+        self._recent: list[tuple[int, str]] = []  # with their versions
         self._old: list[str] = []
         self._stride = 1
         self._passed = 0  # number of texts that have left _recent
@@ -30,23 +29,20 @@ class TextHistory:
 
     def extend(self, texts: Iterable[str], version: int) -> None:
         """Add texts that came with `version`, which is not below the one before."""
-        added = list(texts)
-        self._recent += added
-        self._versions += [version] * len(added)
+        self._recent += ((version, text) for text in texts)
         if (surplus := len(self._recent) - self._most_recent) > 0:
-            for text in self._recent[:surplus]:
+            for _, text in self._recent[:surplus]:
                 self._pass(text)
             del self._recent[:surplus]
-            del self._versions[:surplus]
 
     def since(self, version: int) -> list[str] | None:
         """Return the lines after `version`; None if some of them are gone."""
-        first = bisect.bisect_right(self._versions, version)
-        return None if first == 0 and self._passed else self._recent[first:]
+        first = bisect.bisect_right(self._recent, version, key=lambda one: one[0])
+        return None if first == 0 and self._passed else [text for _, text in self._recent[first:]]
 
     def whole(self) -> list[str]:
         """Return all lines."""
-        return self._old + self._recent
+        return self._old + [text for _, text in self._recent]
 
     def _pass(self, text: str) -> None:
         if self._passed % self._stride == 0:

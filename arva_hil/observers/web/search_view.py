@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, Final, NamedTuple
+from dataclasses import replace
+from typing import Any, Final
 
 from arva_hil.events import Event, searches
 from arva_hil.events.words.reasons import in_words
@@ -31,19 +32,6 @@ PHASES: Final[dict[type[Event], str]] = {
 }
 
 
-class _Victim(NamedTuple):
-    """A place of a victim: metres from the take-off point. `took_s`: from the start of the search, None if unknown."""
-
-    id: int | None
-    north_m: float
-    east_m: float
-    took_s: float | None
-    sure: bool
-    marked: bool
-    left: int | None
-    """The number of other transmitters received then; None if it is not known."""
-
-
 class SearchView:
     """Remembers the newest belief, the place found, and the phase of a search. `document` has None before the first.
 
@@ -59,7 +47,7 @@ class SearchView:
         self._belief: searches.BeliefChanged | None = None
         self._found: searches.PlaceFound | None = None
         self._heard: dict[int | None, tuple[float, float, float]] = {}
-        self._victims: dict[int, _Victim] = {}  # of a search for several, by their number
+        self._victims: dict[int, searches.VictimNoted] = {}  # of a search for several, by their number
         self._begun: searches.SearchBegun | None = None
         self._wanted: int | None = 1
         self._ended = ""
@@ -80,12 +68,10 @@ class SearchView:
         elif isinstance(event, searches.VictimNoted):
             self._wanted = event.wanted
             if len(self._victims) < _MOST_VICTIMS:
-                about = event.sure, event.marked, event.left
-                took_s = self._since_begun(event.time_s)
-                self._victims[event.number] = _Victim(event.transmitter, event.north_m, event.east_m, took_s, *about)
+                self._victims[event.number] = event
         elif isinstance(event, searches.MarkLost):
             if event.number in self._victims:
-                self._victims[event.number] = self._victims[event.number]._replace(marked=False)
+                self._victims[event.number] = replace(self._victims[event.number], marked=False)
         elif isinstance(event, searches.TransmitterFaded):
             self._belief = None
         elif isinstance(event, searches.TransmitterLeft):
@@ -100,26 +86,21 @@ class SearchView:
     def _since_begun(self, time_s: float) -> float | None:
         return None if self._begun is None or not math.isfinite(time_s) else time_s - self._begun.time_s
 
-    def _places_found(self) -> list[_Victim]:
-        """Return the victims in the order of finding; of a search for one, the place found."""
-        found = self._found
-        if self._victims or found is None:
-            return list(self._victims.values())
-        took_s = self._since_begun(found.time_s)
-        return [_Victim(found.transmitter, found.north_m, found.east_m, took_s, found.sure, False, None)]
-
-    def _shown_victim(self, victim: _Victim, place: list[float], *, over: bool) -> dict[str, Any]:
+    def _shown_victim(
+        self, victim: searches.VictimNoted | searches.PlaceFound, place: list[float], *, over: bool
+    ) -> dict[str, Any]:
         """Return a victim for the page; with a QR code if the search is over. `place`: in the map."""
-        lat_lon = self._places.lat_lon(*place)
+        lat_lon, took_s = self._places.lat_lon(*place), self._since_begun(victim.time_s)
+        noted = victim if isinstance(victim, searches.VictimNoted) else None
         return {
-            "id": victim.id,
+            "id": victim.transmitter,
             "place": place,
             "lat_lon": lat_lon and [round(degrees, 8) for degrees in lat_lon],
             "qr": _qr_code(*lat_lon) if over and lat_lon else None,
-            "took_s": None if victim.took_s is None else round(victim.took_s, 1),
+            "took_s": None if took_s is None else round(took_s, 1),
             "sure": victim.sure,
-            "marked": victim.marked,
-            "left": victim.left,
+            "marked": noted is not None and noted.marked,
+            "left": noted and noted.left,
         }
 
     def document(self, now: float = 0.0, *, over: bool = False) -> dict[str, Any] | None:
@@ -135,6 +116,10 @@ class SearchView:
         belief = self._belief or searches.BeliefChanged(0.0, None, (), None, None)
         took_s = None if self._ended else self._since_begun(now)
         over = over or bool(self._ended)
+        # in the order of finding; of a search for one, the place found
+        found: list[searches.VictimNoted | searches.PlaceFound] = [*self._victims.values()]
+        if self._found is not None and not found:
+            found = [self._found]
         made: dict[str, Any] = {
             "vehicle": one_line(self._vehicle),
             "phase": self._phase,
@@ -143,13 +128,11 @@ class SearchView:
             "take_off": place(0.0, 0.0),
             "heard": [[id_, *place(n, e), d] for id_, (n, e, d) in self._heard.items()],
             "wanted": self._wanted,
-            "begun": self._begun is not None or bool(self._places_found()),
+            "begun": self._begun is not None or bool(found),
             "area": begun.area and [*place(*begun.area[:2]), *place(*begun.area[2:])],
             "strip_m": begun.strip_m,
             "left_s": None if begun.limit_s is None or took_s is None else round(max(0.0, begun.limit_s - took_s)),
-            "victims": [
-                self._shown_victim(one, place(one.north_m, one.east_m), over=over) for one in self._places_found()
-            ],
+            "victims": [self._shown_victim(one, place(one.north_m, one.east_m), over=over) for one in found],
             "hypotheses": [[*place(n, e), round(share, 4)] for n, e, share in belief.hypotheses],
             "mean": None,
             "covariance": _covariance(belief.covariance),
@@ -159,14 +142,14 @@ class SearchView:
         if belief.hypotheses:
             means = (sum(one[axis] * one[2] for one in belief.hypotheses) for axis in (0, 1))
             made["mean"] = place(*means)
-        if (found := self._found) is not None:
+        if (last := self._found) is not None:
             made["found"] = {
-                "id": found.transmitter,
-                "place": place(found.north_m, found.east_m),
-                "covariance": _covariance(found.covariance),
-                "relative_covariance": _covariance(found.relative_covariance),
-                "earth_covariance": _covariance(found.earth_covariance),
-                "sure": found.sure,
+                "id": last.transmitter,
+                "place": place(last.north_m, last.east_m),
+                "covariance": _covariance(last.covariance),
+                "relative_covariance": _covariance(last.relative_covariance),
+                "earth_covariance": _covariance(last.earth_covariance),
+                "sure": last.sure,
             }
         return made
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.records.comparing.again import Floats, Paired
-from arva_hil.records.reading import RecordedReceiver
-from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading import NO_ID, RecordedReceiver
 from firmware_proto.frame import missing
 
 Mask = NDArray[np.bool_]

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from arva_hil.clock import utc
 from arva_hil.events.words.text import in_metres
 from arva_hil.model.field import LocalFrame
-from arva_hil.records.reading import RecordedReceiver, Recording
-from arva_hil.records.reading.search import RecordedPlace, RecordedSearch
+from arva_hil.model.field.arrays import Array
+from arva_hil.records.reading import RecordedPlace, RecordedReceiver, RecordedSearch, Recording
 from arva_hil.records.writing import layout
 from arva_hil.search.strategies.strategy import sigma_of
 
-Floats = NDArray[np.float64]
 Lla = tuple[float, float, float]
 
 _BATCH: Final = 4096  # rows
@@ -37,18 +36,18 @@ class FlightTrack(NamedTuple):
     name: str
     receiver: RecordedReceiver | None  # None: the search's own track
     rows: NDArray[np.int64]
-    time_s: Floats
-    lla: Floats  # (N, 3)
+    time_s: Array
+    lla: Array  # (N, 3)
     gaps: NDArray[np.bool_]
 
-    def heard_m(self) -> Floats:
+    def heard_m(self) -> Array:
         """Return d (N,) of the nearest transmitter received [m]; NaN without any."""
         if self.receiver is None:
             return np.full(len(self.rows), np.nan)
         nearest = self.receiver.begins[self.rows]
         return np.where(self.receiver.zone[nearest] > 0, self.receiver.d_cm[nearest] / 100, np.nan)
 
-    def range_m(self) -> Floats:
+    def range_m(self) -> Array:
         """Return the true range (N,) of the same transmitter [m]; NaN if it is not known."""
         assert self.receiver is not None
         return self.receiver.true_range_m[self.receiver.begins[self.rows]]
@@ -80,7 +79,7 @@ class Landmark(NamedTuple):
     id: int | None = None
 
 
-def rounded(lla: NDArray[Any]) -> Floats:
+def rounded(lla: NDArray[Any]) -> Array:
     """Return places (…, 3) with degrees to 8 decimals (1 mm) and altitudes to 3."""
     return np.concatenate([np.round(lla[..., :2], 8), np.round(lla[..., 2:], 3)], axis=-1)
 
@@ -115,7 +114,7 @@ def marks(recording: Recording) -> list[Landmark]:
     return [*_found(recording), *_transmitters(recording)]
 
 
-def _track(name: str, receiver: RecordedReceiver | None, time_s: Floats, lla: Floats) -> FlightTrack:
+def _track(name: str, receiver: RecordedReceiver | None, time_s: Array, lla: Array) -> FlightTrack:
     there = np.isfinite(lla).all(axis=1) & np.isfinite(time_s)
     rows = np.flatnonzero(there)
     return FlightTrack(name, receiver, rows, time_s[rows], rounded(lla[rows]), np.diff(rows, prepend=rows[:1]) > 1)

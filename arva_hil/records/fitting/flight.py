@@ -16,8 +16,7 @@ from arva_hil.emulator.world import VehicleWorld
 from arva_hil.errors import ArvaError
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.comparing.again import feed
-from arva_hil.records.reading import Recording
-from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading import NO_ID, Recording
 
 Floats = NDArray[np.float64]
 

@@ -19,8 +19,7 @@ from arva_hil.emulator.setup import one_vehicle
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.records.comparing.again import feed
 from arva_hil.records.fitting.flight import FitError, Floats
-from arva_hil.records.reading import Recording
-from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading import NO_ID, Recording
 from arva_hil.safe_text import one_line
 
 LISTENS_TO_MOTORS: Final = ReceiverOptions(vehicle_noise=VehicleNoiseOptions(levels=((0.0, 0.0), (1.0, 0.0))))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from arva_hil.records.fitting.flight import Floats, RecordedFlight
-from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading import NO_ID
 
 TOLD: Final = 0.4  # a parameter is identified if less than this share of the prior uncertainty is left
 Z_95: Final = 1.96

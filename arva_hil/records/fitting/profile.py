@@ -9,7 +9,7 @@ from typing import Final
 
 from arva_hil import __version__
 from arva_hil.records.fitting.result import ReceiverFit
-from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading import NO_ID
 from arva_hil.safe_text import one_line
 
 _PULSE_AGE_S: Final = 0.5  # mean age of a reading of pulses, which the model has itself: half the usual period

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.model.field.arrays import Array
 from arva_hil.records.pictures.style import (
     BLUE,
     GREEN,
@@ -30,7 +31,6 @@ from arva_hil.safe_text import one_line
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 _MOST_IDS: Final = 8
 _MOST_FAULTS: Final = 8
@@ -65,7 +65,7 @@ def draw_distance(axes: Axes, recording: Recording, receiver: RecordedReceiver |
         axes.legend(loc="best")
 
 
-def true_range(recording: Recording, receiver: RecordedReceiver, id_: int, rows: NDArray[np.int64]) -> Floats:
+def true_range(recording: Recording, receiver: RecordedReceiver, id_: int, rows: NDArray[np.int64]) -> Array:
     """Return the true range of the transmitter at some frames, m: from a slot, else by the scenario; NaN if unknown."""
     ranges = receiver.of_transmitter(id_)[3][rows]
     for n in np.flatnonzero(np.isnan(ranges)):
@@ -113,10 +113,8 @@ def _lanes(recording: Recording, receiver: RecordedReceiver | None) -> Iterator[
         yield "search", list(_phases(search.time_s + search.start_s, search.phase))
 
 
-def _phases(time_s: Floats, phases: Sequence[str]) -> Iterator[tuple[float, float, str]]:
-    names = list(dict.fromkeys(phases))
-    number = np.array([names.index(phase) for phase in phases])
-    begins = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(number) - 1]
+def _phases(time_s: Array, phases: Sequence[str]) -> Iterator[tuple[float, float, str]]:
+    begins = [0, *(n for n in range(1, len(phases)) if phases[n] != phases[n - 1]), len(phases) - 1]
     for a, b in pairwise(begins):
         yield float(time_s[a]), float(time_s[b]), _PHASES.get(phases[a], GREY)
 
@@ -131,7 +129,7 @@ def _legend(lanes: Sequence[Lane]) -> Iterator[tuple[str, str]]:
         yield (ORANGE, "fault")
 
 
-def _spans(time_s: Floats, on: NDArray[np.bool_], end_s: float) -> list[tuple[float, float]]:
+def _spans(time_s: Array, on: NDArray[np.bool_], end_s: float) -> list[tuple[float, float]]:
     """Return the spans of time in which something was on, from frame to frame; a bounded number of them."""
     if not on.any():
         return []

@@ -2,10 +2,11 @@
 
 from .folder import is_record, load
 from .lines import RecordingError
-from .recording import RecordedDatum, RecordedReceiver, RecordedRun, Recording
+from .recording import NO_ID, RecordedDatum, RecordedReceiver, RecordedRun, Recording
 from .search import RecordedPlace, RecordedSearch
 
 __all__ = [
+    "NO_ID",
     "RecordedDatum",
     "RecordedPlace",
     "RecordedReceiver",

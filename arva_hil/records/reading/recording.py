@@ -15,12 +15,12 @@ from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.events import StatusReport
 from arva_hil.model.field import LocalFrame, MovingTransmitters
+from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import mapping, number, text
 from arva_hil.records.reading.search import RecordedSearch
 from arva_hil.records.writing.layout import CHUNKS, FILES
 from arva_hil.records.writing.search_log import SEARCH_FILES
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.signedinteger[Any]]
 
 NO_ID: Final = -1
@@ -41,19 +41,19 @@ class RecordedReceiver:
     vehicle: str
     receiver: str
     sequence: Ints  # (N,)
-    time_s: Floats  # (N,)
-    boot_ms: Floats  # (N,)
-    position: Floats  # (N, 3) m, NED
-    attitude_deg: Floats  # (N, 3) roll, pitch, yaw
-    pose_age_ms: Floats  # (N,)
-    reported: Floats  # (N, 3) m, NED: the receiver's place by the vehicle's report
-    late_ms: Floats  # (N,) delay of the frame after its instant
+    time_s: Array  # (N,)
+    boot_ms: Array  # (N,)
+    position: Array  # (N, 3) m, NED
+    attitude_deg: Array  # (N, 3) roll, pitch, yaw
+    pose_age_ms: Array  # (N,)
+    reported: Array  # (N, 3) m, NED: the receiver's place by the vehicle's report
+    late_ms: Array  # (N,) delay of the frame after its instant
     begins: Ints  # (N + 1,) the first slot of each frame, and R
     id: Ints  # (R,)
     zone: Ints  # (R,)
     d_cm: Ints  # (R,)
     delta_deg: Ints  # (R,)
-    true_range_m: Floats  # (R,)
+    true_range_m: Array  # (R,)
     fault_sets: tuple[tuple[str, ...], ...]
     fault_set: Ints  # (N,) index into `fault_sets`, the faults that changed the frame
 
@@ -93,7 +93,7 @@ class RecordedReceiver:
         """Return True (N,) for each frame that the fault changed."""
         return np.array([name in names for names in self.fault_sets], bool)[self.fault_set]
 
-    def of_transmitter(self, id_: int) -> tuple[Floats, Floats, Ints, Floats]:
+    def of_transmitter(self, id_: int) -> tuple[Array, Array, Ints, Array]:
         """Return the readings of one transmitter: d in metres, δ in degrees, zone, true range in metres, each (N,).
 
         Without a slot of it, d, δ and range are NaN and the zone is 0. δ is NaN in the inner zone.
@@ -247,7 +247,7 @@ class Recording:
         datums = self.datums.get(vehicle, ())
         return next((datum for datum in reversed(datums) if datum.time_s <= time_s), datums[0] if datums else None)
 
-    def lla(self, vehicle: str, time_s: ArrayLike, positions: ArrayLike) -> Floats | None:
+    def lla(self, vehicle: str, time_s: ArrayLike, positions: ArrayLike) -> Array | None:
         """Return degrees, degrees, metres AMSL (N, 3) of positions NED (N, 3) at times (N,); None without a datum."""
         times, ned = np.asarray(time_s, float), np.asarray(positions, float)
         datums = self.datums.get(vehicle, ())
@@ -271,7 +271,7 @@ class Recording:
             self._placed[datum] = moving_transmitters(scenario, datum.frame)
         return self._placed[datum]
 
-    def of_search(self, ned: ArrayLike, vehicle: str = "") -> Floats | None:
+    def of_search(self, ned: ArrayLike, vehicle: str = "") -> Array | None:
         """Return places of the search (..., 3), NED from its take-off point, as NED from the vehicle's datum.
 
         None if one of the two is not known.

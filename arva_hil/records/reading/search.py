@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import (
     Lines,
     Numbers,
@@ -27,8 +28,6 @@ from arva_hil.records.reading.lines import (
     triple,
 )
 from arva_hil.records.writing.search_log import OUTCOME, TRACK
-
-Floats = NDArray[np.float64]
 
 _NUMBERS: Final = "time_s north_m east_m down_m heading_deg v_north v_east v_down id d_cm delta_deg zone".split()
 _MOST_PHASES: Final = 64
@@ -92,15 +91,15 @@ class RecordedSearch:
     one.
     """
 
-    time_s: Floats  # (K,)
+    time_s: Array  # (K,)
     phase: tuple[str, ...]  # (K,)
-    position: Floats  # (K, 3)
-    heading_deg: Floats  # (K,)
-    velocity: Floats  # (K, 3) ordered, m/s
-    id: Floats  # (K,) id of the transmitter searched for, in steps with a frame
-    d_cm: Floats  # (K,)
-    delta_deg: Floats  # (K,)
-    zone: Floats  # (K,)
+    position: Array  # (K, 3)
+    heading_deg: Array  # (K,)
+    velocity: Array  # (K, 3) ordered, m/s
+    id: Array  # (K,) id of the transmitter searched for, in steps with a frame
+    d_cm: Array  # (K,)
+    delta_deg: Array  # (K,)
+    zone: Array  # (K,)
     outcome: Mapping[str, Any]
     found: RecordedPlace | None
     origin: tuple[float, float, float] | None

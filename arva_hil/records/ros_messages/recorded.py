@@ -15,8 +15,7 @@ from arva_hil.events.searches import FrameHeard, PlaceFound, TakeOffPoint
 from arva_hil.model.field import rotation
 from arva_hil.model.receiver import Pose, Reading
 from arva_hil.model.receiver.reading import ChannelReading
-from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
-from arva_hil.records.reading.recording import NO_ID
+from arva_hil.records.reading import NO_ID, RecordedReceiver, RecordedSearch, Recording
 from arva_hil.records.ros_messages.live import LiveMessages
 from arva_hil.records.ros_messages.types import Publication
 from firmware_proto import Channel, Frame
