@@ -26,7 +26,7 @@ from arva_hil.events.words.text import BAD
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial_ports import SerialPort
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.observers.console.printer import status_line
+from arva_hil.observers.console import status_line
 from firmware_proto import Channel, Frame, encode
 from tests.every import every
 

@@ -129,7 +129,7 @@ def shown(events: Sequence[StatusReport | str], monkeypatch: pytest.MonkeyPatch,
     """The lines on a screen that knows carriage return, line feed, cursor up and erase to the end of the line."""
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr("arva_hil.observers.console.printer._size", lambda _: (columns, 24))
+    monkeypatch.setattr("arva_hil.observers.console._size", lambda _: (columns, 24))
     stream = Screen()
     printer = Printer(stream, named=False)
     for event in events:

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from arva_hil.records.fitting.doubts import doubts
 from arva_hil.records.fitting.estimation import Estimation
 from arva_hil.records.fitting.flight import FitError, Floats, RecordedFlight
-from arva_hil.records.fitting.next_pass import advice
 from arva_hil.records.fitting.parameters import TOLD, Z_95, FittedValue
 from arva_hil.records.fitting.prediction import residuals
+from arva_hil.records.fitting.remarks import advice, doubts
 from arva_hil.records.fitting.result import ReceiverFit
 from arva_hil.records.fitting.scatter import Gps
 

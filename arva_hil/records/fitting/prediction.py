@@ -18,13 +18,10 @@ _SMALL: Final = 1e-200
 class Predicted(NamedTuple):
     """The readings of one flight, each (N,).
 
-    `x`, `y`, `z`: the signal; the reference transmitter has 1 / 2π on its axis at 1 m. `shown`: the magnitude that the
-    display uses. `log_d`: ln of d in metres. `delta`: rad.
+    `shown`: the magnitude of the signal that the display uses; the reference transmitter has 1 / 2π on its axis at 1 m.
+    `log_d`: ln of d in metres. `delta`: rad.
     """
 
-    x: Floats
-    y: Floats
-    z: Floats
     shown: Floats
     log_d: Floats
     delta: Floats
@@ -56,7 +53,7 @@ class Predictor:
             y = z = np.zeros_like(x)
         shown = np.where(flight.inner, np.sqrt(x * x + y * y + z * z), np.hypot(x, y))
         log_d = (get("kappa_eq", math.log(1.542)) - math.log(4 * math.pi) - np.log(np.maximum(shown, _SMALL))) / 3
-        return Predicted(x, y, z, shown, log_d, np.arctan2(y, x))
+        return Predicted(shown, log_d, np.arctan2(y, x))
 
     def _get(self, theta: Floats):  # type: ignore[no-untyped-def]
         return lambda name, default=0.0: float(theta[self._at[name]]) if name in self._at else default
