@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.emulator.receivers import frame_of
 from arva_hil.model.field import Transmitters, dipole_field
-from arva_hil.model.field.arrays import Array
 from arva_hil.model.receiver import Antennas, Look, PaperReceiver, Pose
 from arva_hil.model.receiver.maps import readings
 from firmware_proto import encode
@@ -65,7 +64,6 @@ def rows(_: argparse.Namespace) -> Iterator[Row]:
     yield ratio(
         f"the same on {cores} cores, on the wall", beside, 1e6 * each, 1e6 * wall_of(loop) / SINGLE, "µs each", 0.05
     )
-    _check_integers(points, turns, there)
 
     def whole(i: int) -> None:
         look(i)
@@ -83,13 +81,3 @@ def rows(_: argparse.Namespace) -> Iterator[Row]:
         0.13,
     )
     yield Row("one reading, in µs", "20 µs", 1e6 * full, 20.0, "µs", 1e6 * full, 20.0)
-
-
-def _check_integers(points: Array, turns: Array, there: Transmitters) -> None:
-    """Check that all readings equal those of single looks."""
-    every = np.stack(readings(points, turns, there), axis=2).tolist()
-    receiver = PaperReceiver(Antennas(), M)
-    for i, (point, turn, expected) in enumerate(zip(points, turns, every, strict=True)):
-        receiver.look(Look(float(i), Pose(point, turn), there))
-        found = {c.id: [c.d_cm, c.delta_deg, c.zone] for c in receiver.show(float(i)).channels}
-        assert [found.get(k, [-1, -1, 0]) for k in range(M)] == expected, f"pose {i}: {found}, expected {expected}"

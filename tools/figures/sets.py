@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from arva_hil.model.field import dipole_field
+from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keying
 from arva_hil.model.field.medium import Medium
 from arva_hil.model.receiver import Answer
@@ -38,13 +38,9 @@ def field(points: ArrayLike, strength: float = 1.0, medium: Medium | None = None
 
 def highest(tilt_deg: float, antennas: int) -> float:
     """Return the distance beside a tilted dipole at which the signal is strongest, in depths."""
-    tilt = math.radians(tilt_deg)
-    axis = np.array([math.cos(tilt), 0.0, math.sin(tilt)])
+    turned = rotation.to_matrix(rotation.from_euler(0.0, -math.radians(tilt_deg), 0.0))
     x = np.linspace(-1, 1, 20_001)
-    r = np.stack([x, 0 * x, -np.ones_like(x)], -1)
-    distance = np.linalg.norm(r, axis=-1, keepdims=True)
-    n = r / distance
-    h = (3 * n * (n @ axis)[:, None] - axis) / distance**3
+    h = dipole_field(np.stack([x, 0 * x, -np.ones_like(x)], -1), [[0, 0, 0]], [turned], [1.0])[:, 0]
     return abs(float(x[np.argmax(np.linalg.norm(h[:, :antennas], axis=-1))]))
 
 

@@ -47,10 +47,6 @@ class Simulator:
     slope = 0.0
     pilots, still = 5, 4
 
-    @property
-    def weather(self) -> Weather | None:
-        return self.relay.weather
-
     def switch(self) -> float:
         """Let the pilot choose a mode. Returns the time."""
         now, mode = time.monotonic(), self.pilots

@@ -22,14 +22,14 @@ import sys
 import tempfile
 import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
-from arva_hil.clock import RealClock
-from arva_hil.links import open_link
-from arva_hil.runtime.loop import run
+from arva_hil.clock import Clock, RealClock
+from arva_hil.links import Link, open_link
+from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated import HOME
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import Channel, Frame, encode
@@ -54,10 +54,13 @@ _NULL: Final = subprocess.DEVNULL
 class Seat:
     """One command with its folder, its links, and the random moments at which it is ended. `wrong`: what was found."""
 
+    links: Sequence[Link] = ()
+
     def __init__(self, command: str, folder: Path, seed: int) -> None:
         self.wrong: list[str] = []
         self.codes: Counter[int | None] = Counter()
         self._command = command
+        self._frames = 0
         self._folder = folder
         self._before: set[tuple[str, int]] = set()  # left by SIGKILL
         self._random = random.Random(f"{command} {seed}")
@@ -144,28 +147,25 @@ class Seat:
             yield
             return
         stop, clock = threading.Event(), RealClock()
-        link = open_link(f"udpout:127.0.0.1:{self._port}", clock=clock)
-        tasks = [Simulator([SimulatedVehicle(HOME, boot_time=clock.now())], [link])]
-        flies = threading.Thread(target=lambda: run(tasks, clock, stopped=stop.is_set))
-        sends = threading.Thread(target=self._send_frames, args=(stop,))
-        try:
-            for thread in (flies, sends):
-                thread.start()
-            yield
-        finally:
-            stop.set()
-            for thread in (flies, sends):
+        with contextlib.closing(open_link(f"udpout:127.0.0.1:{self._port}", clock=clock)) as link:
+            vehicle = Simulator([SimulatedVehicle(HOME, boot_time=clock.now())], [link])
+            tasks: list[Task] = [vehicle, self] if self._command == "search" else [vehicle]
+            thread = threading.Thread(target=lambda: run(tasks, clock, stopped=stop.is_set))
+            thread.start()
+            try:
+                yield
+            finally:
+                stop.set()
                 thread.join()
-            link.close()
 
-    def _send_frames(self, stop: threading.Event) -> None:
-        number = 0
-        while self._command == "search" and not stop.wait(0.2):
-            number += 1
-            with contextlib.suppress(OSError):
-                fd = os.open(self._link, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
-                os.write(fd, encode(Frame(number % 256, 0, (Channel(1, 1, 2000 + number, 10),))))
-                os.close(fd)
+    def service(self, clock: Clock) -> float:
+        """Send a frame of the receiver, if the search has made its pseudo-terminal."""
+        self._frames += 1
+        with contextlib.suppress(OSError):
+            fd = os.open(self._link, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+            os.write(fd, encode(Frame(self._frames % 256, 0, (Channel(1, 1, 2000 + self._frames, 10),))))
+            os.close(fd)
+        return clock.now() + 0.2
 
 
 def processes_of(session: int) -> list[int]:
