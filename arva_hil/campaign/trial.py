@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from arva_hil.clock import StepClock
@@ -69,21 +69,20 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
 
     `log` gets every step of the flight of a single drone.
     """
-    clock = StepClock()
+    clock, team = StepClock(), trial.drones > 1
     plan = SearchPlan(
         STRATEGIES[trial.strategy],
         speed=trial.speed_m_s,
         height=trial.height_m,
         take_off=trial.take_off_m,
         limit_s=trial.limit_s,
-        victims=trial.victims,
+        victims=1 if team else trial.victims,
         area=trial.area,
         strip_width=trial.strip_width_m,
     )
-    team = trial.drones > 1
     loop = ClosedLoop(
         several(trial.scenario, trial.drones) if team else trial.scenario,
-        replace(plan, victims=1) if team else plan,
+        plan,
         start=clock.now(),
         wind=trial.wind,
         gps_noise_m=trial.gps_noise_m,
@@ -101,11 +100,6 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
     missions = [drone.mission for drone in loop.drones if drone.mission]
     errors = [error for drone in loop.drones if (error := drone.error()) is not None]
     hovers = first.mission is not None and first.mission.found is not None and not team
-    spread: tuple[float | None, ...] = ()
-    if hovers and first.mission and first.mission.found and not first.several:
-        found, accuracy = first.mission.found, first.mission.accuracy
-        relative_sigma_m = sigma_of(accuracy.relative(found))
-        spread = sigma_of(accuracy.on_earth(found)), first.relative_error(clock.now()), relative_sigma_m
     return Result(
         outcome if team else _outcome(first),
         max(errors, default=None),
@@ -113,8 +107,17 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         max((mission.progress.searched_s for mission in missions), default=0.0),
         sum((mission.progress.path_m for mission in missions), 0.0),
         sum(mission.progress.frames for mission in missions),
-        *spread,
+        *(() if team or first.several else _accuracy(first, clock.now())),
     )
+
+
+def _accuracy(drone: Drone, now: float) -> tuple[float | None, ...]:
+    """Return the uncertainty on Earth, and error and uncertainty relative to the vehicle; empty if nothing is found."""
+    mission = drone.mission
+    if mission is None or mission.found is None:
+        return ()
+    relative = mission.accuracy.relative(mission.found)
+    return sigma_of(mission.accuracy.on_earth(mission.found)), drone.relative_error(now), sigma_of(relative)
 
 
 def _outcome(drone: Drone) -> str:

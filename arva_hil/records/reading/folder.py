@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arva_hil.config import Lla, ScenarioError, parse
 from arva_hil.emulator.setup import receivers_of
 from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.records.reading.lines import (
     Lines,
-    Numbers,
+    NumberColumns,
     RecordingError,
     json_object,
     mapping,
@@ -50,8 +51,8 @@ def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[Re
     """
     lines = Lines(path)
     columns, rows = table(lines, _NEEDED)
-    frames = Numbers(lines, columns, {"seq": "i", **dict.fromkeys([*_OF_FRAME, *_LATER], "d")})
-    slots = Numbers(lines, columns, _OF_SLOT)
+    frames = NumberColumns(lines, columns, {"seq": "i", **dict.fromkeys([*_OF_FRAME, *_LATER], "d")})
+    slots = NumberColumns(lines, columns, _OF_SLOT)
     begins, before = array("q"), 0  # the number of each frame's first row; the slot of the newest row
     fault_sets, fault_set = {"": 0}, array("i")
     for row in itertools.islice(rows, _MOST_ROWS):
@@ -76,6 +77,20 @@ def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[Re
         notes = [f"{path}: the last frame is cut, what is before it is used"]
     if notes and len(begins) > 1:
         begins.pop()
+    faults = tuple(tuple(names.lstrip("'").split("+")) if names else () for names in fault_sets)
+    return _built(vehicle, receiver, frames, slots, np.array(begins), faults, np.array(fault_set)), notes
+
+
+def _built(
+    vehicle: str,
+    receiver: str,
+    frames: NumberColumns,
+    slots: NumberColumns,
+    begins: NDArray[np.int64],
+    faults: tuple[tuple[str, ...], ...],
+    fault_set: NDArray[np.intc],
+) -> RecordedReceiver:
+    """Return the frames that end where the last of `begins` is."""
     n, end = len(begins) - 1, begins[-1]
     time_s, boot_ms, *pose, age_ms = (frames.column(name, n) for name in _OF_FRAME)
     *reported, late_ms = (frames.column(name, n) for name in _LATER)
@@ -91,15 +106,15 @@ def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[Re
         age_ms,
         np.stack(reported, axis=1),
         late_ms,
-        np.array(begins),
+        begins,
         id_,
         zone,
         d_cm,
         delta_deg,
         true_range_m,
-        tuple(tuple(names.lstrip("'").split("+")) if names else () for names in fault_sets),
-        np.array(fault_set[:n]),
-    ), notes
+        faults,
+        fault_set[:n],
+    )
 
 
 _MOST_EVENTS: Final = 200_000

@@ -102,7 +102,7 @@ def _rows(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[list[
         raise lines.error(f"is no line of CSV: {error}") from None
 
 
-class Numbers:
+class NumberColumns:
     """Columns of a table. An empty cell is NaN, or −1 in a column of integers; an infinite number is NaN.
 
     `columns`: those of the file. `kinds`: the type codes of `array` by name; what the file lacks is NaN.

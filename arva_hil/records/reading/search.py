@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import (
     Lines,
-    Numbers,
+    NumberColumns,
     json_object,
     mapping,
     number,
@@ -143,7 +143,7 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         return None, []
     lines = Lines(folder / TRACK)
     columns, rows = table(lines, ("phase", *_NUMBERS))
-    numbers = Numbers(lines, columns, dict.fromkeys(_NUMBERS, "d"))
+    numbers = NumberColumns(lines, columns, dict.fromkeys(_NUMBERS, "d"))
     phases, names = array("b"), dict[str, int]()
     for row in rows:
         numbers.add(row)
