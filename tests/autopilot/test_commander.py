@@ -70,8 +70,7 @@ class Flight:
 
     def step(self) -> None:
         self.now += self._step
-        chunk = self.vehicle.poll(self.now)
-        self.commander.on_packets(self.session.feed(chunk, self.now), self.now)
+        self.commander.on_packets(self.session.feed(self.vehicle.poll(self.now), self.now), self.now)
         self.vehicle.feed(self.session.poll(self.now)[0], self.now)
         told = self.commander.poll(self.now)
         self.commander.sent(self.now)
@@ -699,7 +698,6 @@ def test_who_has_the_vehicle_follows_from_the_reports_of_its_mode() -> None:
     authority.doubt(1.0)
     authority.on_mode(4, 1.0, 1.1)
     now_has(Holder.UNKNOWN)  # until the vehicle has answered
-    question = authority.question(1.1)
-    authority.on_timesync(SimpleNamespace(tc1=1, ts1=question.ts1))
+    authority.on_timesync(SimpleNamespace(tc1=1, ts1=authority.question(1.1).ts1))
     authority.on_mode(5, 1.2, 1.3)
     now_has(Holder.OTHER)

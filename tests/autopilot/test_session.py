@@ -116,8 +116,7 @@ def knowledge(session: KeepingSession, now: float) -> str:
 
 
 def packets(data: bytes) -> list[Packet]:
-    parser = Parser()
-    found = parser.feed(data)
+    found = Parser().feed(data)
     assert sum(len(p.raw) for p in found) == len(data)
     return found
 
@@ -308,8 +307,7 @@ def test_an_unknown_message_is_counted_as_a_packet_and_changes_nothing() -> None
     session = following()
     before = knowledge(session, 101.0)
     count = session.reader.parser.packets
-    unknown = b"\xfd\x03\x00\x00\x00\x01\x01\x9f\x86\x01abc\x12\x34"
-    (found,) = session.feed(unknown, 101.0).own
+    (found,) = session.feed(b"\xfd\x03\x00\x00\x00\x01\x01\x9f\x86\x01abc\x12\x34", 101.0).own
     assert not found.known
     assert session.reader.parser.packets == count + 1
     assert knowledge(session, 101.0) == before
@@ -414,8 +412,7 @@ def test_after_a_reboot_there_is_a_pose_again() -> None:
     session = following(100.0)
     for message in (attitude(0.28), position(0.3), attitude(0.3), home(46.6)):
         tell(session, message, 101.0)
-    state = session.navigation.state_at(101.1, FRAME)
-    assert state.boot_s == pytest.approx(0.4)
+    assert session.navigation.state_at(101.1, FRAME).boot_s == pytest.approx(0.4)
     assert session.navigation.home == (46.6, HOME[1], HOME[2])
     assert session.navigation.reboots == 1
 
@@ -426,8 +423,7 @@ NEAR, FAR = (HOME[0] + 0.0005, *HOME[1:]), (HOME[0] + 0.05, *HOME[1:])  # 56 m, 
 
 
 def northing(session: KeepingSession, now: float) -> float:
-    state = session.navigation.state_at(now, FRAME)
-    return float(state.position[0])
+    return float(session.navigation.state_at(now, FRAME).position[0])
 
 
 @pytest.mark.parametrize("stray", [FAR, (HOME[0], HOME[1] - 0.05, HOME[2]), (*HOME[:2], HOME[2] + 5000)])
@@ -665,8 +661,7 @@ def test_a_position_that_is_promised_and_does_not_come_waits_for_a_fix(result: i
 
 
 def test_of_a_log_it_does_not_say_that_something_was_not_asked_for() -> None:
-    session = hearing(100.0, heartbeat(), attitude(1.0), passive=True)
-    (stream,) = session.why_no_pose().streams
+    (stream,) = hearing(100.0, heartbeat(), attitude(1.0), passive=True).why_no_pose().streams
     assert (stream.name, stream.command, stream.recorded) == ("GLOBAL_POSITION_INT", "", True)
 
 

@@ -294,8 +294,7 @@ def test_home_is_asked_for_until_it_is_known_by_two_commands_in_turn() -> None:
 
 
 def test_the_vehicles_answer_is_kept_for_a_person() -> None:
-    bench = Stepped(Fake(always(REJECTED))).run(1)
-    streams = bench.session.why_no_pose().streams
+    streams = Stepped(Fake(always(REJECTED))).run(1).session.why_no_pose().streams
     assert ("GLOBAL_POSITION_INT", "MAV_RESULT_TEMPORARILY_REJECTED") in [(s.name, s.result) for s in streams]
 
 

@@ -105,8 +105,7 @@ def test_what_arrives_while_the_program_is_held_up_is_not_taken_for_earlier_than
     bench.run(3.0)
     bench.emulator.service(StallingClock(bench.clock, bench.simulator))
     now = bench.clock.now()
-    boot = bench.emulator.session.navigation.clock.boot(now)
-    assert boot <= now + 1e-9
+    assert bench.emulator.session.navigation.clock.boot(now) <= now + 1e-9
 
 
 class StallingClock(StepClock):

@@ -118,15 +118,13 @@ def test_the_packets_of_a_shared_link_are_split_and_counted_once() -> None:
     packets = [packet for now, data in said for packet in alone.feed(data, now)]
     assert (reader.bytes, reader.parser.packets) == (alone.bytes, len(packets))
     assert reader.parser.skipped == reader.parser.bad_crc == 0
-    recorded = [packet for event in diary.packets for packet in event.packets]
-    assert recorded == packets
+    assert [packet for event in diary.packets for packet in event.packets] == packets
     station = sum(packet.system == 255 for packet in packets)
     assert [setup.session.ignored for setup in setups] == [station, station]  # the other vehicle is no stranger
 
 
 def test_the_datum_of_each_vehicle_is_its_own_home() -> None:
-    setups = two_on_one_link(fleet())
-    _, diary = sent(setups, list(spoken(8.0)))
+    _, diary = sent(two_on_one_link(fleet()), list(spoken(8.0)))
     assert diary.said("datum: 46.0123000, 7.7456000, 1650.00 m AMSL") == 1
     assert diary.said("datum: 46.1000000, 7.9000000, 2100.00 m AMSL") == 1
 

@@ -61,8 +61,7 @@ def test_a_frame_goes_out_as_these_messages_and_is_read_back(format: str, value:
 
 def test_what_the_lua_driver_sends_is_read_too() -> None:
     driver = floats(("ARVA1_D", 1234), ("ARVA1_DIR", -17), ("ARVA1_ID", 3), ("ARVA1_ZONE", 1))
-    decoder = MavlinkDecoder("named_float")
-    (frame,) = decoder.feed(driver + driver, 0.0)
+    (frame,) = MavlinkDecoder("named_float").feed(driver + driver, 0.0)
     assert frame.channels == (Channel(3, 1, 1234, -17),)
 
 

@@ -70,8 +70,7 @@ class Bench(Flown):
 
     @property
     def counts(self) -> CommandCounters:
-        commands = self.live.emulator.vehicles[0].units[0].port.commands
-        return commands.counters
+        return self.live.emulator.vehicles[0].units[0].port.commands.counters
 
 
 OBEYED: list[tuple[str, Answered, list[int] | None]] = [  # a command, its answer, the transmitters in frames after it

@@ -124,8 +124,7 @@ def test_one_that_follows_is_off_its_vehicle_by_the_offset_and_turns_with_it() -
 
 
 def test_one_whose_vehicle_is_not_heard_is_silent_and_nowhere() -> None:
-    moving = MovingTransmitters(at_rest(), {1: Following(7, np.zeros(3))})
-    now = moving.at(1.0)
+    now = MovingTransmitters(at_rest(), {1: Following(7, np.zeros(3))}).at(1.0)
     assert now.strengths.tolist() == [1.0, 0.0]
     assert now.ranges(np.array([3.0, 4.0, 0.0])) == {1: 5.0}
 
@@ -182,8 +181,7 @@ def test_one_that_falls_silent_is_said_once_and_so_is_that_it_is_back() -> None:
     bench.run(12.0)
     gone = bench.others.pop()
     bench.run(10.0)
-    silent = bench.frames[-1]
-    assert silent.reading.channels[0].id is None
+    assert bench.frames[-1].reading.channels[0].id is None
     gone[1].poll(bench.now)  # what it said meanwhile is lost
     bench.others.append(gone)
     bench.run(3.0)

@@ -43,8 +43,7 @@ def test_a_frame_comes_right_behind_each_pulse_that_a_slot_shows_and_a_second_la
 
 
 def test_at_a_fixed_rate_the_frames_are_where_the_rate_puts_them() -> None:
-    instants = [one.instant_s for one in frames(source(near()), START + 9.5)]
-    assert np.allclose(instants, range(10))
+    assert np.allclose([one.instant_s for one in frames(source(near()), START + 9.5)], range(10))
 
 
 def test_the_frames_are_the_same_however_time_is_cut() -> None:

@@ -78,8 +78,7 @@ def test_without_more_the_estimate_counts_as_the_truth() -> None:
     assert len(bench.posed) > 80
     assert all(frame.pose is frame.reported_pose for frame in bench.posed)
     truth = np.array(bench.vehicle.truth(bench.clock.now()).ned)
-    pose = bench.posed[-1].pose
-    assert np.linalg.norm(pose.position - truth) > 0.5
+    assert np.linalg.norm(bench.posed[-1].pose.position - truth) > 0.5
 
 
 def test_without_a_simulator_there_is_no_truth_and_frames_say_no_signal(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,8 +144,7 @@ def test_px4_s_truth_has_millimetres_and_either_quaternion_and_is_stamped_when_i
 def test_of_a_burst_the_last_one_counts(px4: tuple[Session, SimulatorTruth]) -> None:
     session, truth = px4
     told(session, truth, *[hil(lat=460123000 + 100 * n, vx=0) for n in range(5)], at=10.5)
-    state = truth.track.at(5.51, LocalFrame(*HOME))
-    assert state.position[0] == pytest.approx(4.45, abs=0.05)
+    assert truth.track.at(5.51, LocalFrame(*HOME)).position[0] == pytest.approx(4.45, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -208,8 +206,7 @@ def test_what_is_reported_late_is_where_the_vehicle_was() -> None:
     bench.fly(2.0)
     bench.go_on(2.9)
     assert offsets(bench.posed)[-1] == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
-    age_s = bench.posed[-1].age_s
-    assert age_s < 0.1
+    assert bench.posed[-1].age_s < 0.1
 
 
 def test_a_walk_has_its_size_and_its_correlation_time() -> None:

@@ -83,8 +83,7 @@ def test_every_channel_is_logged(autopilot):
 
 def test_counters_are_logged_once_a_second(autopilot):
     autopilot.receive(raw(1)[:-1] + b"\x00" + raw(2) + raw(9) + b"junk")
-    start = autopilot.time_ms
-    autopilot.run(start + 5100)
+    autopilot.run(autopilot.time_ms + 5100)
     assert rows(autopilot, "ARVC")[0] == {"Good": 2, "Crc": 1, "Drop": 15 + 4, "Lost": 6, "Up": 1}
     assert len(rows(autopilot, "ARVC")) == 5
 

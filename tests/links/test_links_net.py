@@ -103,8 +103,7 @@ def pins(of: Several) -> None:
 
 def leaves(name: str) -> Step:
     def step(of: Several) -> None:
-        there = of.ends.pop(name)
-        there.close()
+        of.ends.pop(name).close()
         until(lambda: of.link.read() == b"" and of.link.away, of.link)
 
     return step
@@ -336,8 +335,7 @@ def test_ipv6(server: Any, client: Any, keep: Keep) -> None:
         near = keep(server("::1"))
     except LinkError as error:
         pytest.skip(str(error))
-    far = keep(client("::1", near.port))  # type: ignore[attr-defined]
-    assert far.write(b"six")
+    assert keep(client("::1", near.port)).write(b"six")
     assert receive(near, 3) == b"six"
     assert "[::1]:" in near.name
 
@@ -462,8 +460,7 @@ def test_of_many_clients_that_are_not_the_vehicle_one_gives_way_to_the_next(tcpi
     ((peer, _),) = come(tcpin)
     tcpin.follow(peer)
     for _ in range(20):
-        last = keep(TcpLink("127.0.0.1", tcpin.port))
-        last.write(b"?")
+        keep(TcpLink("127.0.0.1", tcpin.port)).write(b"?")
         until(lambda: b"?" in tcpin.read(), tcpin)
     vehicle.write(b"still here")
     assert come(tcpin) == [(peer, b"still here")]

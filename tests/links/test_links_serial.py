@@ -235,8 +235,7 @@ def test_a_symlink_a_killed_run_left_to_the_same_device(
     pair = os.openpty()
     link.symlink_to(os.ttyname(pair[1]))
     monkeypatch.setattr(os, "openpty", lambda: pair)
-    near = keep(PtyLink(str(link)))
-    near.close()
+    keep(PtyLink(str(link))).close()
     assert not link.is_symlink()
 
 

@@ -320,8 +320,7 @@ def test_records_are_read_one_by_one_whatever_was_in_the_one_before(parts: list[
 
 def decoded(raw: bytes) -> dict[str, Any]:
     (found,), _ = parse(raw)
-    message = decode(found)
-    return dict(message.to_dict())
+    return dict(decode(found).to_dict())
 
 
 def xml_lengths() -> dict[int, int]:

@@ -188,8 +188,7 @@ def test_stamps_keep_up_with_the_clock_and_never_go_back() -> None:
 def test_a_clock_that_is_behind_takes_the_vehicles_time() -> None:
     """A companion computer without a battery for its clock believes that it is 1970."""
     session = KeepingSession(signing=Signing(KEY, 5_000_000))
-    vehicle = Vehicle()
-    session.feed(vehicle.says(heartbeat()), 0.0)
+    session.feed(Vehicle().says(heartbeat()), 0.0)
     assert session.vehicle is not None
     (said, *_) = Parser().feed(session.poll(0.1)[0])
     assert int.from_bytes(said.raw[-12:-6], "little") > TICKS

@@ -216,8 +216,7 @@ def test_a_mark_is_refused_while_overlapped() -> None:
 
 def test_it_looks_once_a_pulse_and_asks_for_a_frame_then_if_told_so() -> None:
     there = transmitters([20, 0, 0], keyings=[STEADY])
-    receiver = Hovering(there, start_s=0.0, frames="pulses")
-    asked = list(receiver.looks(10.0))
+    asked = list(Hovering(there, start_s=0.0, frames="pulses").looks(10.0))
     assert sum(asked) == 9  # ten pulses, the first of which opens nothing
     assert not any(Hovering(there, start_s=0.0).looks(10.0))
 
@@ -260,8 +259,7 @@ def test_weaker_than_the_threshold_is_not_heard() -> None:
 def test_two_pulses_that_touch_are_lost_or_the_6_db_stronger_one_is_read() -> None:
     """Two transmitters in step, on carriers that can be told apart."""
     in_step = [STEADY, Keying(1.0, 0.08, 0.29, carrier_hz=40.0)]
-    alike = Hovering(transmitters([20, 0, 0], [-20, 0, 0], keyings=in_step)).read(10.0)
-    assert ids(alike) == []
+    assert ids(Hovering(transmitters([20, 0, 0], [-20, 0, 0], keyings=in_step)).read(10.0)) == []
     farther = Hovering(transmitters([20, 0, 0], [40, 0, 0], keyings=in_step)).read(10.0)
     assert shown(farther) == {1: 1800}
 
@@ -324,8 +322,7 @@ def test_the_gains_of_the_antennas_of_a_fault_and_of_the_carrier_are_multiplied(
     def signal(impairment: Impairment | None, **options: object) -> list[float]:
         receiver = Hovering(transmitters(*places, keyings=keyings), model="vector", **options)
         receiver.impairment = impairment
-        pulse = receiver.read(4.0).channels[0].pulse
-        return list(pulse.signal_na_m)
+        return list(receiver.read(4.0).channels[0].pulse.signal_na_m)
 
     weak = signal(Impairment(gains=(0.9, 0.7, 0.3)), gains=(0.8, 0.6, 0.4), carrier_db=((0.0, -20.0),))
     assert weak == pytest.approx(np.array(signal(None)) * (0.072, 0.042, 0.012))
@@ -408,8 +405,7 @@ def test_antennas_that_fail_saturate_or_hear_electronics_change_what_it_shows_wh
     receiver.impairment = Impairment(saturation_na_m=100.0).also(Impairment(saturation_na_m=1000.0))
     assert receiver.read(8.0).channels[0].d_cm > sound.d_cm
     receiver.impairment = Impairment(noise_na_m=3.0).also(Impairment(noise_na_m=4.0))
-    noisy = {receiver.read(9.0 + n).channels[0].d_cm for n in range(20)}
-    assert len(noisy) > 5
+    assert len({receiver.read(9.0 + n).channels[0].d_cm for n in range(20)}) > 5
     assert receiver.read(30.0).interference
     receiver.impairment = None
     assert receiver.read(32.0).channels[0].d_cm == sound.d_cm

@@ -143,8 +143,7 @@ def test_a_look_and_a_frame_come_in_the_order_of_time_however_late_they_are_call
     step, leap = source(scenario("toy", rate_hz=3.0)), source(scenario("toy", rate_hz=3.0))
     stepped = [frame for n in range(1, 101) for frame in frames(step, START + n / 20)]
     toy.__post_init__()
-    leaped = frames(leap, START + 5.0)
-    assert ranges(stepped) == ranges(leaped)
+    assert ranges(stepped) == ranges(frames(leap, START + 5.0))
     assert step.unit.receiver.next_due <= START + 5.1
 
 

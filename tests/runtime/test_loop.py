@@ -32,8 +32,7 @@ class Every:
 
 def test_deadlines_that_differ_only_in_how_they_were_reckoned_are_one() -> None:
     sums, products = Every(0.05), Every(0.05, first=0.05 + 1e-12)
-    clock = StepClock()
-    run([sums, products], clock, until=0.475)
+    run([sums, products], StepClock(), until=0.475)
     assert sums.told == products.told
     assert len(sums.told) == 11  # ten, and the last look
 

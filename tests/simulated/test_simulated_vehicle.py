@@ -158,8 +158,7 @@ def test_a_requested_rate_holds(msgid: int, name: str, hz: float) -> None:
 def test_every_stream_can_be_asked_for(msgid: int) -> None:
     client = Client()
     assert client.command(SET_INTERVAL, msgid, 100_000) == ACCEPTED
-    name = dialect.mavlink_map[msgid].msgname
-    assert names(client.run(2.0))[name] == 20
+    assert names(client.run(2.0))[dialect.mavlink_map[msgid].msgname] == 20
 
 
 def test_all_is_told_in_the_order_of_time() -> None:
@@ -279,8 +278,7 @@ def test_timesync() -> None:
 def test_a_vehicle_of_mavlink_1() -> None:
     client = Client(version=1, streams={33: 5.0})
     client.take_off()
-    raw = client.vehicle.poll(client.now + 5)
-    packets = Parser().feed(raw)
+    packets = Parser().feed(client.vehicle.poll(client.now + 5))
     assert {p.version for p in packets} == {1}
     assert len(packets) == 30
     assert client.height() == pytest.approx(3.0, abs=0.2)
@@ -309,8 +307,7 @@ def test_it_obeys_what_is_addressed_to_it(target: tuple[int, int], obeys: bool) 
 
 
 def test_two_vehicles_do_not_touch_each_other() -> None:
-    alone = Client(system=7, gps_noise_m=1.0, seed=3, streams={33: 5.0})
-    alone_said = alone.run(2.0)
+    alone_said = Client(system=7, gps_noise_m=1.0, seed=3, streams={33: 5.0}).run(2.0)
     first = Client(system=7, gps_noise_m=1.0, seed=3, streams={33: 5.0})
     second = Client(system=8, gps_noise_m=1.0, seed=4, wind=(3, 0, 0))
     said = first.hear()
