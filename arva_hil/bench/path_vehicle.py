@@ -108,5 +108,6 @@ class PathVehicle:
 
     def _home_message(self) -> object:
         lat, lon, alt = self._home.lla(_STILL)
-        place = round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)
-        return dialect.MAVLink_home_position_message(*place, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
+        return dialect.MAVLink_home_position_message(
+            round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0
+        )

@@ -20,7 +20,7 @@ from arva_hil.campaign.results import replace as write
 from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError, cluster, processes
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError, interrupting
 from arva_hil.cli.recorded import needing
-from arva_hil.cli.terminal import bar, show, show_json, tell, time_left
+from arva_hil.cli.terminal import bar, show, show_json, show_one, tell, time_left
 from arva_hil.clock import RealClock
 from arva_hil.config.campaign import CampaignPlan, load_plan
 from arva_hil.safe_text import one_line
@@ -56,17 +56,17 @@ def _part(plan: CampaignPlan, shard: tuple[int, int] | None) -> tuple[CampaignPl
     return replace(plan, seeds=plan.seeds[k - 1 :: n]), f"-{k}-of-{n}"
 
 
+_LINE: Final = (
+    "{strategy}: {scenario}, seed {seed}, noise {noise}, wind {wind_m_s:g} m/s, GPS noise {gps_noise_m:g} m, "
+    "take-off {take_off_m:g} m, height {height_m:g} m, {speed_m_s:g} m/s, {limit_s:g} s"
+)
+
+
 def _list(every: Iterable[Planned], *, as_json: bool) -> int:
     """Print a line for each trial, in the order of the flights."""
-    for planned in every:
-        what = flown(planned)
-        if as_json:
-            show_json(what)
-        else:
-            air = "wind {wind_m_s:g} m/s, GPS noise {gps_noise_m:g} m".format(**what)
-            flight = "take-off {take_off_m:g} m, height {height_m:g} m, {speed_m_s:g} m/s, {limit_s:g} s".format(**what)
-            team = f", {what['drones']} drones" if what["drones"] > 1 else ""
-            show("{strategy}: {scenario}, seed {seed}, noise {noise}, ".format(**what) + f"{air}, {flight}{team}")
+    for what in map(flown, every):
+        team = f", {what['drones']} drones" if what["drones"] > 1 else ""
+        show_one(what, _LINE.format(**what) + team, as_json=as_json)
     return OK
 
 

@@ -10,7 +10,7 @@ from typing import Final
 from arva_hil.cli import common
 from arva_hil.cli.listen import SAMPLE_BYTES, guess_format
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
-from arva_hil.cli.terminal import show, show_json
+from arva_hil.cli.terminal import show_one
 from arva_hil.clock import Clock, RealClock
 from arva_hil.errors import nearest
 from arva_hil.links import Link
@@ -42,11 +42,8 @@ def main(options: argparse.Namespace) -> int:
         why = _doubt(asking.sample, options.format) if asking.sent else "the port does not take the command"
         raise Failure(FAILED, f"{options.port}: no answer in {options.timeout:g} s: {why}")
     answer = asking.answer
-    if options.json:
-        show_json(answer._asdict())
-    else:
-        what = [f"{answer.name}: {answer.result}", answer.text, *map(str, answer.values)]
-        show(", ".join(word for word in what if word))
+    what = [f"{answer.name}: {answer.result}", answer.text, *map(str, answer.values)]
+    show_one(answer._asdict(), ", ".join(filter(None, what)), as_json=options.json)
     return OK if answer.result == DONE else FAILED
 
 

@@ -229,8 +229,7 @@ def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
         lines.append(flown.complaint)
     if flown.has_page:
         lines.append(f"to see it again: arva-hil view {options.record}")
-    started_us = flown.clock.epoch_us + flown.start * 1e6
-    tell(*lines, *search_report.close_log(log, outcome, code, started_us))
+    tell(*lines, *search_report.close_log(log, outcome, code, flown.clock.epoch_us + flown.start * 1e6))
     return code
 
 

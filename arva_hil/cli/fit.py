@@ -7,7 +7,7 @@ from pathlib import Path
 
 from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
 from arva_hil.cli.recorded import loaded, needing, write
-from arva_hil.cli.terminal import show, show_json, tell
+from arva_hil.cli.terminal import show_one, tell
 from arva_hil.records.fitting import FitError, ReceiverFit, flight_of
 from arva_hil.records.fitting.scatter import Gps
 
@@ -31,10 +31,7 @@ def main(options: argparse.Namespace) -> int:
     )
     if options.scenario_out:
         write(Path(options.scenario_out), profile.scenario(found, out.name).encode(), *records)
-    if options.json:
-        show_json(found.as_json())
-    else:
-        show(*lines(found))
+    show_one(found.as_json(), *lines(found), as_json=options.json)
     tell(*(f"warning: {doubt}" for doubt in found.doubts))
     return FAILED if found.doubts else OK
 

@@ -15,13 +15,13 @@ from typing import Final
 from arva_hil.autopilot.following.session import heartbeat
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
-from arva_hil.cli.terminal import show, show_json, tell
+from arva_hil.cli.terminal import show_one, tell
 from arva_hil.clock import Clock, RealClock
 from arva_hil.events.words import text
 from arva_hil.links import AddressError, Link, parse
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.registry import FORMATS, over_mavlink
-from firmware_proto import Frame, FrameDecoder
+from firmware_proto import FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
 SAMPLE_BYTES: Final = 1 << 14  # enough of any format for several frames
@@ -131,7 +131,8 @@ class Listener:
             self.sample = b""
         for frame in frames:
             if self.left > 0:
-                self._show(frame)
+                line = f"{frame.sequence:3d}  {text.reading(frame.channels)}"
+                show_one(text.frame_json(frame), line, as_json=self.as_json)
             self.left -= 1
             self.alive_until = now + _WATCHDOG_S
 
@@ -149,9 +150,3 @@ class Listener:
 
     def _doubt(self) -> str:
         return f"no {self.format} frame in {len(self.sample)} bytes: {guess_format(self.sample, self.format)}"
-
-    def _show(self, frame: Frame) -> None:
-        if self.as_json:
-            show_json(text.frame_json(frame))
-        else:
-            show(f"{frame.sequence:3d}  {text.reading(frame.channels)}")

@@ -135,8 +135,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def _sources(self, arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str, str]:
         """Return the source of each option that was given, by its name in the namespace."""
-        nothing = argparse.Namespace(**{action.dest: None for action in self._actions})
-        typed = vars(self.parse_args(arguments, nothing))
+        typed = vars(self.parse_args(arguments, argparse.Namespace(**{action.dest: None for action in self._actions})))
         twins = {action.dest: name for name, action in self.variables.items() if environment.get(name)}
         return {
             dest: "command line" if value is not None else f"environment, {twins[dest]}"

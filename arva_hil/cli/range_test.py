@@ -13,7 +13,7 @@ from typing import Final
 from arva_hil.campaign.range_test.data_sheet import DataSheet, as_dict, lines, measured, table
 from arva_hil.campaign.range_test.walk import RangePlan
 from arva_hil.cli.recorded import make_folder, needing, write
-from arva_hil.cli.terminal import show, show_json
+from arva_hil.cli.terminal import show_one
 from arva_hil.config import DEFAULT, Scenario, load
 from arva_hil.emulator.setup import scenario_of
 
@@ -28,10 +28,7 @@ def main(options: argparse.Namespace) -> None:
         make_folder(Path(options.out))
     sheets = [measured(scenario, plan, name) for name, scenario in _receivers(options)]
     for n, sheet in enumerate(sheets):
-        if options.json:
-            show_json(as_dict(sheet))
-            continue
-        show(*["", *lines(sheet)][n == 0 :])
+        show_one(as_dict(sheet), *["", *lines(sheet)][n == 0 :], as_json=options.json)
     if options.out:
         _write(Path(options.out), sheets)
 

@@ -6,16 +6,15 @@ import argparse
 import re
 from pathlib import Path
 
-from arva_hil.cli.terminal import show, show_json
+from arva_hil.cli.terminal import show_one
 from arva_hil.config.profiles import PREFIX, builtin_files
 
 
 def main(options: argparse.Namespace) -> None:
     for name, path in builtin_files().items():
-        if options.json:
-            show_json({"name": f"{PREFIX}{name}", "path": str(path), "about": _about(path)})
-        else:
-            show(f"{PREFIX}{name:<20} {_about(path)}")
+        about = _about(path)
+        value = {"name": f"{PREFIX}{name}", "path": str(path), "about": about}
+        show_one(value, f"{PREFIX}{name:<20} {about}", as_json=options.json)
 
 
 def _about(path: Path) -> str:

@@ -86,14 +86,21 @@ def show_marked(mark: str, line: object, *, paint: Callable[[str], str], further
 
     A terminal that is too narrow gets the line in rows, indented by `further`. Raises StdoutError.
     """
-    rows = wrapped(mark + one_line(line), columns_of(sys.stdout), further)
-    _print(paint(mark) + rows[len(mark) :])
+    _print(paint(mark) + wrapped(mark + one_line(line), columns_of(sys.stdout), further)[len(mark) :])
 
 
 def show_json(*values: Any) -> None:
     """Print JSON objects on stdout, one a line: ASCII without control characters. Raises StdoutError."""
     for value in values:
         _print(json.dumps(value).replace("\x7f", "\\u007f"))
+
+
+def show_one(value: Any, *lines: object, as_json: bool) -> None:
+    """Print a JSON object for a program, or lines for a person. Raises StdoutError."""
+    if as_json:
+        show_json(value)
+    else:
+        show(*lines)
 
 
 @contextlib.contextmanager

@@ -139,8 +139,7 @@ class FaultItem(Constraint):
             ) from None
         options, violations = read_own(kind.options, value, f"the fault {name}")
         keys = _keys(name)
-        valid = keys | dict.fromkeys(own_keys(kind.options), Anything())
-        values, more = read_keys(value, valid, [name, *kind.needs])
+        values, more = read_keys(value, keys | dict.fromkeys(own_keys(kind.options), Anything()), [name, *kind.needs])
         if violations := [*more, *violations]:
             raise ConstraintError(*violations)
         values = {key: item for key, item in values.items() if key in keys}
@@ -158,8 +157,7 @@ def _schema(name: str, kind: FaultKind) -> dict[str, Any]:
     helps = {key: one.help for key, one in Fault.__table__.items()} | {name: kind.help}
     properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
     properties |= {key: one.json() for key, one in own_keys(kind.options).items()}
-    required = [name, *kind.needs]
-    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+    return {"type": "object", "properties": properties, "required": [name, *kind.needs], "additionalProperties": False}
 
 
 def _keys(name: str) -> dict[str, Constraint]:

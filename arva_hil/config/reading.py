@@ -51,8 +51,7 @@ class Problems:
             if root is None:
                 self.fail(_START, "an empty file", what)
             if loader.check_node():
-                second = loader.peek_event()  # type: ignore[no-untyped-call]
-                self.add(second.start_mark, "a second document", "one")
+                self.add(loader.peek_event().start_mark, "a second document", "one")  # type: ignore[no-untyped-call]
         except yaml.MarkedYAMLError as error:
             at = error.problem_mark or loader.get_mark()
             if text[at.index : at.index + 1] == "\t":

@@ -184,8 +184,7 @@ class TableOf(Constraint):
         cls = self.table
         if isinstance(value, cls):
             return value
-        spec = spec_of(value)
-        known = _constraints(cls, spec)
+        known = _constraints(cls, spec_of(value))
         if not isinstance(value, Mapping):
             near = next((f"{{{name}: {value}}}" for name, one in known.items() if _is_word(one, value)), None)
             raise ConstraintError(Violation(f"a mapping with {', '.join(known)}", nearest=near))
