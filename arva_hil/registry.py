@@ -10,7 +10,7 @@ import importlib
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack
 from importlib.machinery import PathFinder
 from typing import TYPE_CHECKING, Any, Final
 
@@ -112,7 +112,9 @@ class Registry:
         if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
             raise KindError(f"{self.what} {name!r} is no name of a class", "write MODULE:CLASS, e.g. my_search:Spiral")
         try:
-            with _current_folder():
+            with ExitStack() as stack:
+                sys.path.append("")
+                stack.callback(sys.path.remove, "")
                 if len(files := _files(module.partition(".")[0])) > 1:
                     raise KindError(
                         f"{self.what} {name!r}: there are {len(files)} modules of that name, {' and '.join(files)}",
@@ -170,16 +172,6 @@ class Registry:
 
 def _package(entry: EntryPoint) -> str:
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.value
-
-
-@contextmanager
-def _current_folder() -> Iterator[None]:
-    """Adds the current folder to the end of the module search path."""
-    sys.path.append("")
-    try:
-        yield
-    finally:
-        sys.path.remove("")
 
 
 def _files(module: str) -> list[str]:

@@ -64,13 +64,8 @@ REQUESTS: Final[Mapping[str, Mapping[str, Key]]] = {
 """The keys of each request, by the value of `do`."""
 
 
-def answer(bench: Bench, line: bytes) -> dict[str, Any]:
-    """Do one request. Returns its answer; a wrong request changes nothing."""
-    return _answered(bench, line)[0]
-
-
-def _answered(bench: Bench, line: bytes) -> tuple[dict[str, Any], str]:
-    """Do one request. Returns its answer, and its name; "" if it is wrong."""
+def answered(bench: Bench, line: bytes) -> tuple[dict[str, Any], str]:
+    """Do one request. Returns its answer, and its name, "" if it is wrong; a wrong request changes nothing."""
     name = ""
     try:
         name, keys = _parsed(line)
@@ -216,7 +211,7 @@ class ControlServer:
         *lines, self._bytes = (self._bytes + chunk).split(b"\n")
         for line in lines:
             too_long, self._too_long = self._too_long or len(line) > LONGEST_LINE, False
-            said, name = (_TOO_LONG, "") if too_long else _answered(self._bench, line)
+            said, name = (_TOO_LONG, "") if too_long else answered(self._bench, line)
             if not self._say(said):
                 return
             if name == "stop":

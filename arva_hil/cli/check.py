@@ -15,6 +15,7 @@ from arva_hil.config.json_schema import schema_text
 from arva_hil.config.profiles import located, parse_profile, profile_kind
 from arva_hil.config.reading import read_text
 
+_NO_PORT: Final = "the autopilot's link"
 _COMMAND_LINES: Final = "file:the link of the command line"  # like no other
 
 
@@ -65,13 +66,13 @@ def _check(name: str, text: str) -> None:
     ids = ", ".join(str(t.id) for t in chosen.transmitters)
     usual = f"{chosen.receiver.rate_hz:g} Hz, {chosen.output_format}"
     show(f"{name}: ok: transmitters {ids}; {f'vehicles {len(chosen.vehicles)}' if chosen.vehicles else usual}")
-    for vehicle in chosen.vehicles:
-        for receiver in vehicle.receivers:
-            where = receiver.port or "the autopilot's link"
-            show(
-                f"  {vehicle.name}/{receiver.name}: {receiver.receiver.rate_hz:g} Hz, {receiver.output_format} to "
-                f"{where}"
-            )
+    show(
+        *(
+            f"  {vehicle.name}/{one.name}: {one.receiver.rate_hz:g} Hz, {one.output_format} to {one.port or _NO_PORT}"
+            for vehicle in chosen.vehicles
+            for one in vehicle.receivers
+        )
+    )
     show(*(f"  fault {fault}" for fault in chosen.faults))
     tell(*(f"{name}: warning: {remark}" for remark in _outside_norm(chosen)))
 

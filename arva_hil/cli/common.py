@@ -78,10 +78,11 @@ def describe(chosen: Scenario, *, hidden: bool = False) -> list[str]:
     lines = [f"scenario {chosen.source}: {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}, seed {chosen.seed}"]
     if chosen.vehicles:
         lines = [f"scenario {chosen.source}: vehicles {len(chosen.vehicles)}, receivers {len(receivers_of(chosen))}"]
-    for vehicle in chosen.vehicles:
-        for r in vehicle.receivers:
-            what = f"{r.receiver.rate_hz:g} Hz, {r.output_format}, seed {r.seed}"
-            lines.append(f"  receiver {vehicle.name}/{r.name}: {what}")
+    lines += [
+        f"  receiver {vehicle.name}/{r.name}: {r.receiver.rate_hz:g} Hz, {r.output_format}, seed {r.seed}"
+        for vehicle in chosen.vehicles
+        for r in vehicle.receivers
+    ]
     for t in () if hidden else chosen.transmitters:
         below = None if t.depth_m is None else f"{t.depth_m:g} m below the ground"
         if t.ned is not None:

@@ -159,7 +159,7 @@ class Ending:
     def close(self, code: int, how: str, counts: dict[str, int]) -> None:
         """Close the record. Raises Failure if it is not whole."""
         log = self.log
-        entries = vehicle_entries(log.session.vehicle, log.world.datum)
+        entries = vehicle_entries(log.session, log.world.datum)
         try:
             self.recorder.close(
                 {"ended": how, "exit_code": code, **self.known, **entries, "counters": {**log.counts(), **counts}}

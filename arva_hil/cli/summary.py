@@ -9,12 +9,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from arva_hil import __version__
-from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import RealClock, utc
 from arva_hil.config import Scenario, to_dict
 from arva_hil.emulator.datum import Datum
-from arva_hil.emulator.engine import EmulatedVehicle, Emulator
+from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.ports import Port
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.packet_reader import PacketReader
@@ -64,11 +63,14 @@ def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout)
     """Return the entries of run.json for vehicles and receivers at the end, and the `counts` of their links."""
     if is_one(emulator):
         (vehicle,) = emulator.vehicles
-        return _vehicle(vehicle) | {"counters": {**counters(emulator), **counts}}
+        return {
+            **vehicle_entries(vehicle.session, vehicle.world.datum),
+            "counters": {**counters(emulator), **counts},
+        }
     return {
         "vehicles": {
             vehicle.name: {
-                **_vehicle(vehicle),
+                **vehicle_entries(vehicle.session, vehicle.world.datum),
                 "link": vehicle.link,
                 "tlog": layout.tlog(vehicle.link),
                 "counters": vehicle.session.counts(),
@@ -80,17 +82,13 @@ def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout)
     }
 
 
-def vehicle_entries(known: Vehicle | None, datum: Datum) -> dict[str, Any]:
+def vehicle_entries(session: Session, datum: Datum) -> dict[str, Any]:
     """Return the entries of run.json for a vehicle; None for one that was not found."""
     return {
-        "vehicle": dataclasses.asdict(known) if known else None,
+        "vehicle": dataclasses.asdict(session.vehicle) if session.vehicle else None,
         "datum": datum.of_the_flight,
         "datums": [change._asdict() | {"why": in_words(change.why)} for change in datum.changes],
     }
-
-
-def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
-    return vehicle_entries(vehicle.session.vehicle, vehicle.world.datum)
 
 
 def _receiver(port: Port) -> dict[str, Any]:

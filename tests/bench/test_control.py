@@ -14,7 +14,7 @@ import pytest
 
 import arva_hil.bench
 from arva_hil import Bench, BenchError
-from arva_hil.bench.control import LONGEST_LINE, REQUESTS, ControlServer, answer
+from arva_hil.bench.control import LONGEST_LINE, REQUESTS, ControlServer, answered
 from arva_hil.clock import StepClock
 from tests.every import every
 
@@ -36,10 +36,10 @@ def is_a(kind: str, line: Any) -> bool:
 def ask(bench: Bench, **request: Any) -> dict[str, Any]:
     """Ask what is right, and by the schema as well."""
     assert is_a("request", request)
-    line = json.dumps(answered := answer(bench, json.dumps(request).encode()))
+    line = json.dumps(said := answered(bench, json.dumps(request).encode())[0])
     kinds = {"advance": "advanced", "truth": "true_state", "frames": "made_frames"}
     assert is_a(kinds.get(request["do"], "done"), json.loads(line))
-    return answered
+    return said
 
 
 def test_each_request_does_what_the_bench_does(bench: Bench) -> None:
@@ -87,7 +87,7 @@ def test_each_request_does_what_the_bench_does(bench: Bench) -> None:
     ],
 )
 def test_a_wrong_line_gets_an_error_and_changes_nothing(bench: Bench, line: str, error: str) -> None:
-    said = answer(bench, line.encode())
+    said, _ = answered(bench, line.encode())
     assert is_a("error", said)
     if error not in ("no JSON line", "did you mean 'drop'"):  # of which a schema knows nothing
         assert not is_a("request", json.loads(line))

@@ -434,13 +434,17 @@ def frames(traffic: PortTraffic, form: str) -> Finding:
         return Finding("frames", "fail", traffic.lost, "plug it in again, or start the program at the other end")
     found = f"{traffic.taken} of {traffic.taken + traffic.dropped} {form} frames were accepted, all with no signal"
     if not traffic.taken:
-        cure = {
-            "mavlink": "there is no vehicle to send frames to, see above",
-            "tcpin": "start the consumer: no client is connected; `run` waits for it",
-            "udpin": "the consumer must send a datagram first; or give its address: --port udpout:HOST:PORT",
-            "serial": "the other end does not read, or does not set CTS: is the consumer running?",
-        }.get(traffic.kind, "start the consumer: no program reads; `run` waits for it")
-        return Finding("frames", "fail", found, cure)
+        return Finding(
+            "frames",
+            "fail",
+            found,
+            {
+                "mavlink": "there is no vehicle to send frames to, see above",
+                "tcpin": "start the consumer: no client is connected; `run` waits for it",
+                "udpin": "the consumer must send a datagram first; or give its address: --port udpout:HOST:PORT",
+                "serial": "the other end does not read, or does not set CTS: is the consumer running?",
+            }.get(traffic.kind, "start the consumer: no program reads; `run` waits for it"),
+        )
     if traffic.dropped:
         return Finding("frames", "note", found, "the consumer started late, or is too slow")
     return Finding("frames", "ok", found)
@@ -469,12 +473,16 @@ def reader(traffic: PortTraffic) -> Finding | None:
         return Finding("reader", "ok", "a datagram came from there")
     if who:
         return Finding("reader", "ok", f"{who} has the other end")
-    cure = {
-        "mavlink": "a Lua script or a companion computer must read them; PX4 logs them, see firmware_proto/px4",
-        "udpout": "UDP has no acknowledgement; run at the other end: arva-hil listen udpin:0.0.0.0:PORT",
-    }.get(
-        traffic.kind,
-        "a serial line has no acknowledgement; ArduPilot: SERIALn_PROTOCOL 28 and SCR_ENABLE 1 for the Lua driver, "
-        "SERIALn_BAUD 115; PX4: arva_receiver status; elsewhere arva-hil listen",
+    return Finding(
+        "reader",
+        "note",
+        "unknown",
+        {
+            "mavlink": "a Lua script or a companion computer must read them; PX4 logs them, see firmware_proto/px4",
+            "udpout": "UDP has no acknowledgement; run at the other end: arva-hil listen udpin:0.0.0.0:PORT",
+        }.get(
+            traffic.kind,
+            "a serial line has no acknowledgement; ArduPilot: SERIALn_PROTOCOL 28 and SCR_ENABLE 1 for the Lua driver, "
+            "SERIALn_BAUD 115; PX4: arva_receiver status; elsewhere arva-hil listen",
+        ),
     )
-    return Finding("reader", "note", "unknown", cure)
