@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import importlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
@@ -164,12 +163,12 @@ class _Progress:
         self._next = self._clock.now() + (_LIVE_S if self._live else _PLAIN_S)
         if self._live:
             self._bar.n = self.done
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 self._bar.refresh()
         else:
             left = time_left(self.done - self._before, self._total - self.done, self._clock.now())
             tell(f"{self.done} of {self._total} trials" + (f", {left}" if left else ""))
 
     def close(self) -> None:
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             self._bar.close()

@@ -14,8 +14,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
-from arva_hil.cli import outcome
-from arva_hil.cli.outcome import Failure, SignalGuard, UsageError
+from arva_hil.cli.outcome import (
+    FAILED,
+    INTERRUPTED,
+    NO_LINK,
+    NO_READER,
+    OK,
+    Failure,
+    SignalGuard,
+    UsageError,
+    traceback_lines,
+    unexpected_error,
+)
 from arva_hil.cli.summary import as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import close_all, live_observers, page_of_run
@@ -109,7 +119,7 @@ def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_
     try:
         link = opener(address, clock=clock, **options)
     except LinkError as error:
-        raise Failure(outcome.NO_LINK, error) from None
+        raise Failure(NO_LINK, error) from None
     if link.away:
         tell(f"waiting for {link.why}")
     return link
@@ -134,7 +144,7 @@ def attend(
         try:
             run(tasks, clock, until=until, stopped=lambda: guard.caught is not None or over())
         except LinkError as error:
-            raise Failure(outcome.FAILED, error) from None
+            raise Failure(FAILED, error) from None
     return guard.caught is not None
 
 
@@ -238,17 +248,17 @@ class Run:
             if self._guard.error:
                 raise self._guard.error
             if self._missing.all:
-                failure = Failure(outcome.NO_LINK, self._missing)
+                failure = Failure(NO_LINK, self._missing)
         except LinkEnded as error:
             self.printer.say(str(error))
         except LinkError as error:
-            failure = Failure(outcome.NO_READER if isinstance(error, ReaderGone) else outcome.FAILED, error)
+            failure = Failure(NO_READER if isinstance(error, ReaderGone) else FAILED, error)
         except KeyboardInterrupt:  # a loop that was stuck
             pass
         except BaseException as error:  # also SystemExit, of a plug-in
-            failure = Failure(outcome.FAILED, outcome.unexpected_error(error))
+            failure = Failure(FAILED, unexpected_error(error))
             if self._verbose:
-                self.printer.say(*outcome.traceback_lines(error))
+                self.printer.say(*traceback_lines(error))
         self._guard.ending = True
         return self._finish(emulator, failure, counts(), lines())
 
@@ -256,19 +266,19 @@ class Run:
         caught = self._guard.caught
         self.printer.settle(StatusReport(self._now, [vehicle.status(self._now) for vehicle in emulator.vehicles]))
         if self._lines and (why := self._lines.close()) and not failure and not caught:
-            failure = Failure(outcome.NO_READER if isinstance(self._lines.error, ReaderGone) else outcome.FAILED, why)
-        code, how = (outcome.INTERRUPTED, caught.name) if caught else (outcome.OK, "finished")
+            failure = Failure(NO_READER if isinstance(self._lines.error, ReaderGone) else FAILED, why)
+        code, how = (INTERRUPTED, caught.name) if caught else (OK, "finished")
         if failure:
             code, how = failure.code, str(failure)
-        self._end = how, code not in (outcome.OK, outcome.INTERRUPTED)
-        said = [Notice("error", how)] if failure and code != outcome.NO_READER else []
+        self._end = how, code not in (OK, INTERRUPTED)
+        said = [Notice("error", how)] if failure and code != NO_READER else []
         if self._record:
-            if code == outcome.OK and self._record.recorder.error:
-                code, how = outcome.FAILED, self._record.recorder.error
+            if code == OK and self._record.recorder.error:
+                code, how = FAILED, self._record.recorder.error
             try:
                 self._record.close({"ended": how, "exit_code": code}, emulator, counts)
             except RecordError as error:
-                code = code or outcome.FAILED
+                code = code or FAILED
                 said.append(Notice("error", str(error)))
         self.printer.say(*summary_lines(emulator), *lines)
         for notice in said:

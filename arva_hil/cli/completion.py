@@ -15,7 +15,6 @@ from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.terminal import show
 from arva_hil.errors import KindError
-from arva_hil.registry import EXPORTS, FORMATS, STRATEGIES
 
 _FILES: Final = (
     "FILE",
@@ -26,7 +25,7 @@ _FILES: Final = (
     "DIR|FILE",
 )  # a URL may be a device or a file of frames
 _FOLDERS: Final = ("DIR", "RUN", "RUN2")
-_KINDS: Final = {"format": FORMATS, "strategy": STRATEGIES, "export_format": EXPORTS}
+_KINDS: Final = {"format": registry.FORMATS, "strategy": registry.STRATEGIES, "export_format": registry.EXPORTS}
 
 
 def main(options: argparse.Namespace) -> None:

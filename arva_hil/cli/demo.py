@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import os
 import re
@@ -11,15 +10,15 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from arva_hil.cli import common, search_report
+from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
-from arva_hil.cli.search_report import PICTURE
+from arva_hil.cli.search_report import PICTURE, close_log, result
 from arva_hil.cli.search_report import name as name_of
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, StepClock, Waitable, utc
@@ -83,7 +82,7 @@ def new_folder() -> Path:
     """Make a folder, named by the time. Removes folders of earlier demos that were not changed for some days."""
     now_us = RealClock().epoch_us
     for path in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             if shutil.rmtree.avoids_symlink_attacks and _is_ours(path, now_us / 1e6 - KEPT_DAYS * _DAY_S):
                 shutil.rmtree(path)
     stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(now_us))
@@ -222,14 +221,14 @@ def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
     outcome = _outcome(drone, code)
     if drone.search.outcome and outcome.kind != "found":
         code = code or FAILED
-    lines = search_report.result(outcome) + _errors(drone, flown.clock.now())
+    lines = result(outcome) + _errors(drone, flown.clock.now())
     if outcome.found and not options.gps_noise:
         lines.append("the GPS of this flight had no error; --gps-noise 1.5 flies with one")
     if code not in (OK, INTERRUPTED) and flown.complaint:
         lines.append(flown.complaint)
     if flown.has_page:
         lines.append(f"to see it again: arva-hil view {options.record}")
-    tell(*lines, *search_report.close_log(log, outcome, code, flown.clock.epoch_us + flown.start * 1e6))
+    tell(*lines, *close_log(log, outcome, code, flown.clock.epoch_us + flown.start * 1e6))
     return code
 
 
@@ -237,7 +236,7 @@ def _end_of_team(flown: Flown) -> int:
     """Print the end of each search, and the transmitters that were not found. Returns the exit code."""
     loop, code = flown.loop, flown.code
     for drone in loop.drones:
-        first, *_ = search_report.result(_outcome(drone, code))
+        first, *_ = result(_outcome(drone, code))
         error = drone.error()
         tell(f"{drone.name}: {first}" + ("" if error is None else f"; error: {in_metres(error)}"))
     lacking = {transmitter.id for transmitter in loop.drones[0].scenario.transmitters} - loop.found

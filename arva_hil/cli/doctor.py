@@ -13,7 +13,6 @@ from typing import Final
 
 from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.diagnosis import diagnosis
-from arva_hil.cli.diagnosis.diagnosis import Finding, held
 from arva_hil.cli.diagnosis.examination import AutopilotProbe, PortProbe
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
@@ -66,9 +65,9 @@ class Doctor:
     out: Link | None = None
     port_probe: PortProbe | None = None
     right: dict[str, str | None] = field(default_factory=dict)
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[diagnosis.Finding] = field(default_factory=list)
 
-    def _add(self, finding: Finding | None) -> None:
+    def _add(self, finding: diagnosis.Finding | None) -> None:
         """Print a finding at once, and remember it."""
         if finding is None:
             return
@@ -115,23 +114,23 @@ class Doctor:
         else:
             named = {port.device: port.description or port.usb for port in list_ports()}
             why = f"on USB: {named.get(str(self.autopilot), '')}"
-        self._add(Finding("autopilot", "ok", f"{self.options.autopilot or self.autopilot}, {why}"))
+        self._add(diagnosis.Finding("autopilot", "ok", f"{self.options.autopilot or self.autopilot}, {why}"))
 
     def _open(self, address: Address, check: str, *, answered: bool = False) -> Link | None:
         """Open a link, and add a finding; None if it cannot be opened."""
         far = far_program(address.path) if check == "port" and address.kind == "serial" else ""
-        if finding := held(check, str(address), far):
+        if finding := diagnosis.held(check, str(address), far):
             self._add(finding)
             return None
         try:
             link = self.stack.enter_context(closing(open_link(address, clock=self.clock, answered=answered)))
         except LinkError as error:
-            ours = held(check, error.link, error.what)
-            self._add(ours or Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
+            ours = diagnosis.held(check, error.link, error.what)
+            self._add(ours or diagnosis.Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
             if not ours and not any(cause in error.what for cause in _STAYS):
                 self.right["port" if check == "port" else "autopilot"] = "URL"
             return None
-        self._add(Finding(check, "ok", f"{link.name} is open"))
+        self._add(diagnosis.Finding(check, "ok", f"{link.name} is open"))
         return link
 
     def _session(self) -> Session:
@@ -141,7 +140,7 @@ class Doctor:
         """Read the autopilot's link and send frames, for the time of --listen."""
 
         def first(after_s: float) -> None:
-            self._add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
+            self._add(diagnosis.Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
 
         probe = AutopilotProbe(link, self._session(), self.clock.now(), first) if link else None
         self.port_probe = self._new_port_probe(probe, link) or self.port_probe
@@ -180,7 +179,7 @@ class Doctor:
             if taken is False:
                 self.right["autopilot"] = "URL"
         if probe.lost:
-            self._add(Finding("link", "fail", probe.lost))
+            self._add(diagnosis.Finding("link", "fail", probe.lost))
         if not session.reader.bytes:
             return None
         if probe.packets["known"]:

@@ -15,10 +15,20 @@ from types import ModuleType
 from typing import Final
 
 from arva_hil import __version__, registry
-from arva_hil.cli import outcome
 from arva_hil.cli.arguments import arguments_of, parser_of
 from arva_hil.cli.options import PREFIX, CommandParser, module_name
-from arva_hil.cli.outcome import Failure, UsageError
+from arva_hil.cli.outcome import (
+    FAILED,
+    INTERRUPTED,
+    NO_READER,
+    OK,
+    USAGE,
+    Failure,
+    UsageError,
+    interrupting,
+    traceback_lines,
+    unexpected_error,
+)
 from arva_hil.cli.terminal import StdoutError, StdoutReaderGone, abandon, flush, refuse_closed, reserve, show, tell
 from arva_hil.errors import ArvaError, nearest
 
@@ -123,26 +133,26 @@ def _guarded(arguments: list[str]) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # do not fail on a terminal without °
     try:
         run = _command(arguments)  # a signal ends the process at once: see __main__.py
-        with outcome.interrupting():
-            code = run() or outcome.OK
+        with interrupting():
+            code = run() or OK
             flush()
         return code
     except KeyboardInterrupt:
-        return outcome.INTERRUPTED
+        return INTERRUPTED
     except StdoutReaderGone:
         abandon(sys.stdout)
-        return outcome.NO_READER
+        return NO_READER
     except ArvaError as error:
         first, *rest = error.lines if isinstance(error, Failure) else getattr(error, "problems", ()) or [error]
         tell(f"arva-hil: {first}", *rest)
         if isinstance(error, StdoutError):
             abandon(sys.stdout)
-        return error.code if isinstance(error, Failure) else outcome.USAGE
+        return error.code if isinstance(error, Failure) else USAGE
     except Exception as error:
         if {"-v", "-vv", "--verbose"} & set(arguments):
-            tell(*outcome.traceback_lines(error))
-        tell(f"arva-hil: {outcome.unexpected_error(error)}")
-        return outcome.FAILED
+            tell(*traceback_lines(error))
+        tell(f"arva-hil: {unexpected_error(error)}")
+        return FAILED
 
 
 def _command(arguments: list[str]) -> Callable[[], int | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import gc
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -86,7 +85,7 @@ def main(options: argparse.Namespace) -> int:
         printer.say(*map(_links, searchers), *lines)
         named = bool(members[0].name)
         under = background_of(options.map, None) if options.map else None
-        state = functools.partial(State, "search", title, known=False, named=named, background=under)
+        state = partial(State, "search", title, known=False, named=named, background=under)
         page = open_page(options.web, state, printer.say)
         if page:
             stack.callback(lambda: page.close(*_end(searchers, guard)))

@@ -25,6 +25,11 @@ class Finding(NamedTuple):
     cure: str = ""
 
 
+def noted(check: str, found: str, cure: str, *, wrong: bool) -> Finding:
+    """Return a note with a cure if something is wrong."""
+    return Finding(check, "note", found, cure) if wrong else Finding(check, "ok", found)
+
+
 @dataclass(frozen=True, slots=True)
 class Traffic:
     """All packets on the link, in `seconds`."""
@@ -194,15 +199,13 @@ def packets(t: Traffic) -> Finding:
     found = f"{t.packets} in {t.seconds:.1f} s, {t.size / 1000 / t.seconds:.1f} kB/s, {versions}"
     share = t.bad / (t.bad + t.packets)
     found += f", {share:.1%} bad checksums" if t.bad else ", no bad checksums"
-    if t.bad > 2 and share > _BAD_SHARE:
-        return Finding(
-            "packets",
-            "note",
-            found,
-            "bytes are damaged: use a shorter cable, a lower baud rate or flow control (ArduPilot: BRD_SERn_RTSCTS"
-            "; PX4: MAV_n_FLOW_CTRL)",
-        )
-    return Finding("packets", "ok", found)
+    return noted(
+        "packets",
+        found,
+        "bytes are damaged: use a shorter cable, a lower baud rate or flow control (ArduPilot: BRD_SERn_RTSCTS; "
+        "PX4: MAV_n_FLOW_CTRL)",
+        wrong=t.bad > 2 and share > _BAD_SHARE,
+    )
 
 
 def signing(t: Traffic) -> Finding:
@@ -263,9 +266,12 @@ def heartbeat(
     found = f"{mine} is followed" + (f"; also {', '.join(rest)}" if rest else "")
     if len(pilots) > 1 and target[0] is None:
         return Finding("heartbeat", "note", found, f"it sent the first heartbeat; choose with {_choose(pilots)}")
-    if mine.hz is not None and mine.hz < _SLOW_HEARTBEAT_HZ:
-        return Finding("heartbeat", "note", found, "one a second is usual: the link loses packets or is too slow")
-    return Finding("heartbeat", "ok", found)
+    return noted(
+        "heartbeat",
+        found,
+        "one a second is usual: the link loses packets or is too slow",
+        wrong=mine.hz is not None and mine.hz < _SLOW_HEARTBEAT_HZ,
+    )
 
 
 def target(sources: Sequence[Source]) -> dict[str, str | None]:
@@ -364,9 +370,12 @@ def clock(lags_s: Sequence[float], reboots: int) -> Finding:
         return Finding("clock", "note", "no boot time came", "see the lines above")
     late = sorted(lags_s)[int(0.95 * (len(lags_s) - 1))]
     found = f"messages come up to {1e3 * max(lags_s):.0f} ms later than the quickest, 95 % within {1e3 * late:.0f} ms"
-    if late > _LATE_S:
-        return Finding("clock", "note", found, "the link or the machine is overloaded: --stream-rate 10, a higher baud")
-    return Finding("clock", "ok", found)
+    return noted(
+        "clock",
+        found,
+        "the link or the machine is overloaded: --stream-rate 10, a higher baud",
+        wrong=late > _LATE_S,
+    )
 
 
 def _lla(place: tuple[float, float, float]) -> str:
@@ -445,9 +454,7 @@ def frames(traffic: PortTraffic, form: str) -> Finding:
                 "serial": "the other end does not read, or does not set CTS: is the consumer running?",
             }.get(traffic.kind, "start the consumer: no program reads; `run` waits for it"),
         )
-    if traffic.dropped:
-        return Finding("frames", "note", found, "the consumer started late, or is too slow")
-    return Finding("frames", "ok", found)
+    return noted("frames", found, "the consumer started late, or is too slow", wrong=traffic.dropped > 0)
 
 
 def reader(traffic: PortTraffic) -> Finding | None:
