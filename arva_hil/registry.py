@@ -90,8 +90,7 @@ class Registry:
         return list(found if name is None else found.select(name=name))
 
     def _plug_in(self, name: str) -> Any:
-        entries = self._entries(name)
-        if not entries:
+        if not (entries := self._entries(name)):
             raise self._unknown(name)
         packages = [_package(one) for one in entries]
         if len(entries) > 1:

@@ -76,8 +76,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
         left = [planned for planned in every if not kept.done(planned.key)]
         if left and options.merge:
             raise Failure(FAILED, f"{_progress(kept, every)}; the same command without --merge flies the rest")
-        stopped = bool(left) and _fly(options, every, left, kept)
-        if stopped:
+        if left and _fly(options, every, left, kept):
             tell(f"interrupted: {_progress(kept, every)}; the same command continues it")
             return INTERRUPTED
         with interrupting():  # again, after the guard of the flights: the same command continues it

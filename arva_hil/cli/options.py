@@ -165,18 +165,13 @@ class CommandParser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         """Return the help: of the usual options alone, unless --help-all was given."""
-        shown = {"-h", "--help", _ALL, *self._usual}
-        hidden = [one for one in self._actions if one.option_strings and not shown & set(one.option_strings)]
         if not self._usual or _ALL in self._given:
             return super().format_help()
-        kept = [(one, one.help) for one in hidden]
+        shown = {"-h", "--help", _ALL, *self._usual}
+        hidden = [one for one in self._actions if one.option_strings and not shown & set(one.option_strings)]
         for one in hidden:
-            one.help = argparse.SUPPRESS
-        try:
-            return super().format_help() + f"\n{len(hidden)} more options: {self.prog} {_ALL}\n"
-        finally:
-            for one, text in kept:
-                one.help = text
+            one.help = argparse.SUPPRESS  # for good: after its help a parser parses nothing
+        return super().format_help() + f"\n{len(hidden)} more options: {self.prog} {_ALL}\n"
 
     def _print_message(self, message: str, file: object = None) -> None:
         """Print the help on stdout. argparse itself hides an error of stdout."""

@@ -41,8 +41,7 @@ def main(options: argparse.Namespace) -> int:
         out = stack.enter_context(closing(_out(options, stack)))
         tally = _Tally(log)
         timeline = tally.timeline
-        first = next(timeline, None)
-        if first is None:
+        if (first := next(timeline, None)) is None:
             raise UsageError(f"{options.log}: no MAVLink packet in its {log.size} bytes: is it a telemetry log?")
         surroundings = stack.enter_context(
             common.Run(

@@ -65,8 +65,7 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
             raise UsageError(f"--strip-width: {wrong.found}, expected {wrong.expected}{hint}") from None
     if scenario is None:
         raise UsageError("--strip-width auto: give the receiver's profile, e.g. --strip-width builtin:two_antennas")
-    width = strip_width(scenario, options.height, options.max_speed)
-    if width is None:
+    if (width := strip_width(scenario, options.height, options.max_speed)) is None:
         raise UsageError(f"--strip-width {given}: that receiver's range is too short for strips")
     tell(
         f"strips at most {width.metres:.0f} m wide: 1.26 × the range for the weakest transmitter; "

@@ -32,7 +32,6 @@ def main(options: argparse.Namespace) -> int:
         ]
         frame = LocalFrame(*options.home)
         vehicles: list[SimulatedVehicle] = []
-        logs: list[Task] = []
         for number in range(options.count):
             lat, lon, alt = frame.lla((0.0, number * _APART_M, 0.0))
             vehicle = SimulatedVehicle(
@@ -45,10 +44,10 @@ def main(options: argparse.Namespace) -> int:
                 fix_after=options.fix_after,
             )
             vehicles.append(vehicle)
-            logs.append(_Log(vehicle, options.failsafe or []))
             tell(f"vehicle {vehicle.system} at {lat:.7f}, {lon:.7f}, {alt:.1f} m")
         tell(*(f"link: {link.name}" for link in links))
-        tasks: list[Task] = [Simulator(vehicles, links, relays=len(vehicles) > 1 and len(links) > 1), *logs]
+        tasks: list[Task] = [Simulator(vehicles, links, relays=len(vehicles) > 1 and len(links) > 1)]
+        tasks += [_Log(vehicle, options.failsafe or []) for vehicle in vehicles]
         return INTERRUPTED if common.attend(tasks, clock, until=options.duration) else OK
 
 

@@ -27,8 +27,7 @@ from arva_hil.records.reading import Recording, load
 def main(options: argparse.Namespace) -> int:
     guard, clock = SignalGuard(), RealClock()
     with guard, ExitStack() as stack:
-        recording = _recording(options, stack)
-        if recording is None:
+        if (recording := _recording(options, stack)) is None:
             return INTERRUPTED
         tell(*(f"warning: {note}" for note in recording.notes))
         state = RecordedState(recording, background_of(options.map, recording.scenario))

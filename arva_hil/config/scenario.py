@@ -129,8 +129,7 @@ class Scenario(Table):
         if not formats:
             formats = {(of.output and of.output.format) or "binary"}
         for path, fault in items_of(of, "faults"):
-            found = next(filter(None, (misfit(fault, known, form) for form in sorted(formats))), None)
-            if found:
+            if found := next(filter(None, (misfit(fault, known, form) for form in sorted(formats))), None):
                 yield Violation(found[1], found[0], path=path)
 
 

@@ -131,8 +131,7 @@ class AutopilotProbe:
                 self._said[event.stream] = said.text.removeprefix(event.stream).lstrip(": ")
 
     def _on_heartbeat(self, packet: Packet, now: float) -> None:
-        message = decode(packet)
-        if message is None:
+        if (message := decode(packet)) is None:
             return
         key = packet.system, packet.component
         if key not in self._sources:
