@@ -51,9 +51,8 @@ def open_url(url: str, baud: int = 115200) -> Link:
     """Open a pyserial URL: rfc2217://, socket://, loop://, spy://, hwgrep://, alt://. Raises LinkError."""
     import serial
 
-    patient = url.lower().startswith("loop:")  # its write fails if it takes longer than the timeout
+    timeout = None if url.lower().startswith("loop:") else 0  # its write fails if it takes longer than this
     try:
-        timeout = None if patient else 0
         port = serial.serial_for_url(url, baud, timeout=0, write_timeout=timeout, exclusive=True)
     except Exception as error:
         raise LinkError(url, f"cannot be opened: {error}") from error

@@ -8,6 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
+def require(*checks: tuple[bool, str]) -> None:
+    """Raise ValueError with the sentence of the first check that does not hold."""
+    for holds, sentence in checks:
+        if not holds:
+            raise ValueError(sentence)
+
+
 def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
     """Return `value` as an array of floats whose last dimensions are `shape`; None in it means any length.
 

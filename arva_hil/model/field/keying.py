@@ -8,14 +8,14 @@ docs/explanation/pulsed.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.arrays import Array, require
 
 CARRIER_HZ: Final = 457_000.0
 JITTER_S: Final = 0.2e-3  # assumption
@@ -63,19 +63,19 @@ class Keying:
     seed: int = 0  # of the jitter
 
     def __post_init__(self) -> None:
-        if not 0 < self.pulse_s < self.period_s < math.inf:
-            raise ValueError(
-                f"a pulse of {self.pulse_s:g} s in a period of {self.period_s:g} s: expected a period above the pulse"
-            )
         limit = jitter_limit_s(self.period_s, self.pulse_s)
-        if not 0 <= self.jitter_s < limit:
-            raise ValueError(
-                f"jitter_s {self.jitter_s:g}: expected 0 or more, and below a twelfth of the pause ({limit:.4g} s)"
-            )
-        if not 0 <= self.battery <= 1:
-            raise ValueError(f"battery {self.battery:g}: expected 0…1")
-        if not self.battery_life_s > 0:
-            raise ValueError(f"battery_life_s {self.battery_life_s:g}: expected above 0")
+        require(
+            (
+                0 < self.pulse_s < self.period_s < math.inf,
+                f"a pulse of {self.pulse_s:g} s in a period of {self.period_s:g} s: expected a period above the pulse",
+            ),
+            (
+                0 <= self.jitter_s < limit,
+                f"jitter_s {self.jitter_s:g}: expected 0 or more, and below a twelfth of the pause ({limit:.4g} s)",
+            ),
+            (0 <= self.battery <= 1, f"battery {self.battery:g}: expected 0…1"),
+            (self.battery_life_s > 0, f"battery_life_s {self.battery_life_s:g}: expected above 0"),
+        )
 
     @property
     def leak(self) -> float:
@@ -170,22 +170,20 @@ def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 2
     return Keying(**drawn | given)
 
 
-def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
-    """Yield one sentence for each value of a transmitter that is outside EN 300 718-1, with the limit.
+def outside_norm(keying: Keying, strength: float = 1.0) -> list[str]:
+    """Return one sentence for each value of a transmitter that is outside EN 300 718-1, with the limit.
 
     `strength`: the field on the axis at 10 m, µA/m.
     """
     pause_s = keying.period_s - keying.pulse_s
-    if not 0.7 <= keying.period_s <= 1.3:
-        yield f"period {keying.period_s:g} s: the norm has 0.7…1.3 s"
-    if keying.pulse_s < 0.07:
-        yield f"pulse {keying.pulse_s:g} s: the norm has at least 0.07 s"
-    if pause_s < 0.4:
-        yield f"pause {pause_s:.3g} s: the norm has at least 0.4 s"
-    if abs(keying.carrier_hz) > 80:
-        yield f"carrier {keying.carrier_hz:+.0f} Hz: the norm has at most ±80 Hz"
-    if not 0.5 <= strength <= 2.24:
-        yield f"strength {strength:g}: the norm has 0.5…2.24 µA/m at 10 m"
+    limits = (
+        (0.7 <= keying.period_s <= 1.3, f"period {keying.period_s:g} s: the norm has 0.7…1.3 s"),
+        (keying.pulse_s >= 0.07, f"pulse {keying.pulse_s:g} s: the norm has at least 0.07 s"),
+        (pause_s >= 0.4, f"pause {pause_s:.3g} s: the norm has at least 0.4 s"),
+        (abs(keying.carrier_hz) <= 80, f"carrier {keying.carrier_hz:+.0f} Hz: the norm has at most ±80 Hz"),
+        (0.5 <= strength <= 2.24, f"strength {strength:g}: the norm has 0.5…2.24 µA/m at 10 m"),
+    )
+    return [sentence for within, sentence in limits if not within]
 
 
 def _normals(seeds: NDArray[np.uint64], numbers: NDArray[np.int64]) -> Array:

@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.arrays import Array, require
 from arva_hil.model.field.keying import CARRIER_HZ
 
 DipoleKind = Literal["static", "full"]
@@ -52,8 +52,7 @@ class Medium:
     surface_m: float | Array = 0.0
 
     def __post_init__(self) -> None:
-        if not self.snow_skin_depth_m > 0:
-            raise ValueError(f"snow_skin_depth_m {self.snow_skin_depth_m:g}: expected above 0")
+        require((self.snow_skin_depth_m > 0, f"snow_skin_depth_m {self.snow_skin_depth_m:g}: expected above 0"))
 
     def applied(self, h: Array, r: Array) -> Array:
         """Return the field (..., M, 3) in this medium from that of static dipoles.

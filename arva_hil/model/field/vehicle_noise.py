@@ -9,6 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from arva_hil.model.field.arrays import require
+
 Point = tuple[float, float, float]
 
 _AT_M: Final = 0.5  # distance of the specified noise: makers require it between a receiver and electronics
@@ -33,10 +35,10 @@ class VehicleNoise:
     levels: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.motors and not self.levels:
-            raise ValueError("a vehicle without motors makes no noise: expected one or more")
-        if self.motor_na_m < 0 or self.line_na_m < 0:
-            raise ValueError("the noise of a motor is 0 nA/m or more")
+        require(
+            (bool(self.motors or self.levels), "a vehicle without motors makes no noise: expected one or more"),
+            (self.motor_na_m >= 0 and self.line_na_m >= 0, "the noise of a motor is 0 nA/m or more"),
+        )
 
     def sigma_na_m(self, place: Sequence[float], load: float) -> float:
         """Return standard deviation at an antenna at `place` (3,), body FRD, metres; `load`: 0…1."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.model.field import Transmitters
-from arva_hil.model.field.arrays import Array, floats
+from arva_hil.model.field.arrays import Array, floats, require
 from arva_hil.model.field.dipole import dipole_field
 from arva_hil.model.field.medium import AIR
 from arva_hil.model.receiver.paper import Antennas, draw_noise, noise_bound, outputs, receive
@@ -55,10 +55,11 @@ def readings(
     """
     positions, rotations = floats("positions", positions, None, 3), floats("rotations", rotations, None, 3, 3)
     n = len(positions)
-    if positions.ndim != 2 or rotations.shape != (n, 3, 3):
-        raise ValueError(f"rotations: the shape {rotations.shape}, expected {(n, 3, 3)}, one for each position (N, 3)")
-    if transmitters.medium is not AIR:
-        raise ValueError("transmitters: in another medium than air: ask a receiver for each reading")
+    one_each = positions.ndim == 2 and rotations.shape == (n, 3, 3)
+    require(
+        (one_each, f"rotations: the shape {rotations.shape}, expected {(n, 3, 3)}, one for each position (N, 3)"),
+        (transmitters.medium is AIR, "transmitters: in another medium than air: ask a receiver for each reading"),
+    )
     receiver, columns = antennas or Antennas(), np.empty((3, n, len(transmitters.ids)), np.int32)
     step = max(1, _PAIRS // max(len(transmitters.ids), 1))
 

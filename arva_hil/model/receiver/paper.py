@@ -11,7 +11,7 @@ from typing import Final, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.arrays import Array, require
 from arva_hil.model.field.dipole import one_field
 from arva_hil.model.field.medium import AIR
 from arva_hil.model.field.rotation import Pose
@@ -109,14 +109,13 @@ class Antennas:
             every = [float(q) for q in self.sensitivity]
         except (TypeError, ValueError):
             every = []
-        if len(every) != 3 or not all(0 < q <= 1 for q in every):
-            raise ValueError(f"sensitivity {self.sensitivity}: expected three values in (0, 1]")
-        if not 0 < self.kappa_eq < math.inf:
-            raise ValueError(f"kappa_eq {self.kappa_eq}: expected above 0")
-        if not 0 < self.floor_range_m < math.inf:
-            raise ValueError(f"floor_range_m {self.floor_range_m}: expected above 0")
-        if self.noise not in get_args(NoiseKind):
-            raise ValueError(f"noise {self.noise!r}: expected one of {', '.join(get_args(NoiseKind))}")
+        right, kinds = len(every) == 3 and all(0 < q <= 1 for q in every), get_args(NoiseKind)
+        require(
+            (right, f"sensitivity {self.sensitivity}: expected three values in (0, 1]"),
+            (0 < self.kappa_eq < math.inf, f"kappa_eq {self.kappa_eq}: expected above 0"),
+            (0 < self.floor_range_m < math.inf, f"floor_range_m {self.floor_range_m}: expected above 0"),
+            (self.noise in kinds, f"noise {self.noise!r}: expected one of {', '.join(kinds)}"),
+        )
 
 
 def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
@@ -207,8 +206,7 @@ class PaperReceiver:
     def __init__(
         self, antennas: Antennas, channels: int = 4, no_signal: tuple[int, int] = (-1, -1), seed: int = 0
     ) -> None:
-        if channels < 1:
-            raise ValueError(f"{channels} channels: expected 1 or more")
+        require((channels >= 1, f"{channels} channels: expected 1 or more"))
         self._antennas = antennas
         bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
         self._limit = noise_bound(antennas.sensitivity, FLOOR_RANGE_M)
