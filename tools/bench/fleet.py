@@ -13,12 +13,9 @@ import itertools
 import json
 import multiprocessing
 import os
-import select
-import socket
 import time
-import tty
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -29,7 +26,8 @@ from arva_hil.config import Scenario, parse
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import vehicle_setups
 from arva_hil.links import Link, open_link
-from arva_hil.links.udp import UdpInLink
+from arva_hil.links.pty import PtyLink
+from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.page import WebPage
@@ -202,47 +200,18 @@ def _play(count: int, seconds: float, ours: Any) -> None:
     ticks = round((seconds + _WARM_S + 2) * POSE_HZ)
     encoders = [Encoder(1 + system % 250, 1) for system in range(1, count + 1)]
     bodies = [[packets(encoder, n) for n in range(ticks)] for encoder in encoders]
-    ports = ours.recv()
-    frames_in = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    frames_in.bind(("127.0.0.1", 0))
-    frames_in.setblocking(False)
-    lines = [_line() for _ in range(count)]
-    senders = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in ports]
-    for sender, port in zip(senders, ports, strict=True):
-        sender.connect(("127.0.0.1", port))
-        sender.setblocking(False)
-    ours.send(([os.ttyname(slave) for _, slave in lines], frames_in.getsockname()[1]))
+    lines = [PtyLink() for _ in range(count)]
+    senders = [UdpOutLink("127.0.0.1", port) for port in ours.recv()]
+    frames_in = UdpInLink()
+    ours.send(([line.path for line in lines], frames_in.port))
     assert ours.recv() == "ready"
-    reads = select.poll()
-    for fd in (*(master for master, _ in lines), *(sender.fileno() for sender in senders), frames_in.fileno()):
-        reads.register(fd, select.POLLIN)
     start = time.monotonic()
     for n in range(ticks):
         for number in range(count):
             due = start + (n + number / count) / POSE_HZ
             while (left := due - time.monotonic()) > 0:
-                if left > 0.002:
-                    _drain(reads)
                 time.sleep(min(left, 0.002))
-            if number % 2 == 0:
-                with suppress(BlockingIOError):
-                    senders[number // 2].send(bodies[number][n])
-            else:
-                os.write(lines[number][0], bodies[number][n])
-        _drain(reads)
-
-
-def _line() -> tuple[int, int]:
-    """Return a new pseudo-terminal: its master, and its slave, which stays open."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    os.set_blocking(master, False)
-    return master, slave
-
-
-def _drain(reads: select.poll) -> None:
-    for fd, _ in reads.poll(0):
-        try:
-            os.read(fd, 65536)
-        except OSError:
-            continue
+            link = lines[number] if number % 2 else senders[number // 2]
+            link.write(bodies[number][n])
+        for one in (*lines, *senders, frames_in):
+            one.read()
