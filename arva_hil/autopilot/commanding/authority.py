@@ -60,11 +60,13 @@ class Authority:
     """Remembers the mode wanted, the modes that our orders may cause, and the mode reported last.
 
     Times are seconds on the caller's clock. `mode` is -1 before the first report, `wanted` before the first order.
+    `borrowed`: the vehicle is still in the mode of a take-over, and does not follow set-points yet.
     """
 
     def __init__(self) -> None:
         self.mode = -1
         self.wanted = -1
+        self.borrowed = False
         self._ours: frozenset[int] = frozenset()  # empty: every mode is allowed
         self._news_s = -math.inf  # the last report came after this time
         self._read_s = -math.inf  # the time at which it was read
@@ -80,6 +82,7 @@ class Authority:
 
     def borrow(self) -> None:
         """Accept the present mode, in which the vehicle was handed over, for now."""
+        self.borrowed = True
         self._ours = frozenset({self.mode})
 
     @property

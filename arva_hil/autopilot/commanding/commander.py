@@ -150,23 +150,19 @@ class FlightState:
     `take_off_m`: the height of the take-off.
     """
 
-    def __init__(self, session: Session, take_off_m: float, emit: Callable[[Event], None]) -> None:
+    def __init__(self, session: Session, take_off_m: float) -> None:
         self.phase = Phase.IDLE
         self.why: tuple[Reason, ...] = ()
         self.handed_over = False
         self.origin: PositionSample | None = None
-        self.sticks = Sticks()
-        self.battery = Battery()
         self.authority = Authority()
         self._session = session
         self._take_off_m = take_off_m
         self._modes = ARDUCOPTER  # until the launch
         self._taken: float | None = None  # seconds without set-points before another mode was reported
-        self._borrowing = False  # still in the mode of the take-over: it does not follow set-points yet
         self._times = PhaseTimes()
         self._set_points = SetPoints()
         self._complaints = Complaints()
-        self._emit = emit
         session.streams.want(MODE_WANTED | STICKS_WANTED | BATTERY_WANTED)
 
     def let_go(self) -> None:
@@ -215,9 +211,9 @@ class FlightState:
 
     def _leave_alone(self, *why: Reason) -> bool:
         """End a take-over before the vehicle follows set-points: no order has to be undone."""
-        if self._borrowing and self.phase.active:
+        if self.authority.borrowed and self.phase.active:
             self._lose(*why, because(Why.NOT_TAKEN_OVER), handed_over=True)
-        return self._borrowing
+        return self.authority.borrowed
 
     def _lose(self, *why: Reason, handed_over: bool = False) -> None:
         self.phase, self.handed_over = Phase.LOST, handed_over
@@ -280,7 +276,10 @@ class Commander(FlightState):
     def __init__(
         self, session: Session, emit: Callable[[Event], None], *, take_off_m: float, arm_timeout_s: float = 60.0
     ) -> None:
-        super().__init__(session, take_off_m, emit)
+        super().__init__(session, take_off_m)
+        self.sticks = Sticks()
+        self.battery = Battery()
+        self._emit = emit
         self.held_back: Reason | None = None
         self._arm_timeout_s = arm_timeout_s
         self._tries = 0  # to arm
@@ -313,7 +312,6 @@ class Commander(FlightState):
             raise ValueError("its pose, its home or its mode is not known")
         self.origin = place._replace(alt=home[2])
         self.sticks.mark()
-        self._borrowing = True
         self.authority.borrow()
         self._enter(Phase.FLYING, now, self._modes.steer)
         self._times.next_order = now + _FLOWING_S
@@ -364,7 +362,8 @@ class Commander(FlightState):
     def _advance(self, now: float) -> None:
         """Change to the next phase if this one has ended, or has taken too long."""
         late, in_mode = now - self._times.since, self.authority.in_mode
-        self._borrowing = self._borrowing and not in_mode
+        if in_mode:
+            self.authority.borrowed = False
         if self.authority.silent(now):
             self._lose(because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S))
         elif not self.authority.settled:

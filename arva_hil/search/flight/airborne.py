@@ -346,6 +346,7 @@ class Flight(MissionRun):
 
     def __init__(self, setup: FlightSetup, commander: Commander) -> None:
         super().__init__(setup)
+        self.plan = setup.plan
         self._commander = commander
         self._team = setup.team
         self._report = TeamReport(setup.team, setup.session, setup.emit) if setup.team else None

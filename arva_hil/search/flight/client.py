@@ -37,6 +37,21 @@ _MARK: Final = dialect.MAVLINK_MSG_ID_ADSB_VEHICLE
 _STEP_S: Final = 0.2
 
 
+class EventQueue(list[Event]):
+    """The events that `emit` has not got yet."""
+
+    def __init__(self, emit: Callable[[Event], None]) -> None:
+        super().__init__()
+        self._emit = emit
+
+    def pass_on(self) -> None:
+        """Emit them."""
+        events = self[:]
+        self.clear()
+        for event in events:
+            self._emit(event)
+
+
 class SearchClient:
     """One search: it waits for a vehicle and frames, flies, and ends. A task for the loop.
 
@@ -70,11 +85,10 @@ class SearchClient:
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
-        self._events: list[Event] = []  # that `emit` has not got yet
-        self._emit = emit
+        self._events = EventQueue(emit)
         emit_later = self._events.append
-        self._others = OtherSearches(COMPONENT, team, tunnel)
-        self._line = AutopilotLink(autopilot, start, on_bytes=self._on_bytes, on_gap=self._on_gap)
+        others = OtherSearches(COMPONENT, team, tunnel)
+        self._line = AutopilotLink(autopilot, others, start, on_bytes=self._on_bytes, on_gap=self._on_gap)
         self._receiver = ReceiverLink(receiver, decoder, emit_later, host)
         self._commander = Commander(session, emit_later, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
         needed = autopilot, self._receiver, self._commander, permission
@@ -83,8 +97,7 @@ class SearchClient:
         setup = FlightSetup(plan, session, ground, start, emit_later, log, team, self._receiver.host, worker)
         self._flight = Flight(setup, self._commander)
         self._dry_run = DryRun(setup) if plan.dry_run else None
-        self._next_step = self._now_s = start
-        self._plan = plan
+        self._next_step = start
         self._stopping = False
         self._tell_packets = tell_packets
 
@@ -110,15 +123,15 @@ class SearchClient:
     def stop(self) -> None:
         """Stop: a flying vehicle is left hovering, a landing one goes on landing, one on the ground is disarmed."""
         if not self._stopping and self.launched:
-            self._events.append(SearchInterrupted(self._now_s, self._commander.phase.name.lower()))
-            self._pass_on()
+            self._events.append(SearchInterrupted(self._line.empty_s, self._commander.phase.name.lower()))
+            self._events.pass_on()
         self._stopping = True
 
     def service(self, clock: Clock) -> float:
         """Read both links and fly. Returns the next time to call."""
         try:
             self._line.take_in(clock)
-            now = self._now_s = clock.now()
+            now = clock.now()
             if not self.launched:
                 self._preflight.watch_link(now)
             frames, run = self._receiver.read(now), self._dry_run or self._flight
@@ -133,7 +146,7 @@ class SearchClient:
             self._cut_off(because(Why.ERROR, text=str(error)))
             return math.inf
         finally:
-            self._pass_on()
+            self._events.pass_on()
 
     def _on_bytes(self, sender: Sender, chunk: bytes, now: float, since: float) -> None:
         if not self.launched:
@@ -146,7 +159,7 @@ class SearchClient:
         for packet in (*received.others, *received.refused):
             if (packet.msgid, packet.component) == (_MARK, COMPONENT) and vehicle and packet.system == vehicle.system:
                 self._events.append(OwnMarkHeard(now))
-        self._others.on_packets(received, vehicle, now)
+        self._line.others.on_packets(received, vehicle, now)
         self._preflight.on_packets(received)
         self._commander.on_packets(received, now, since)
         self._flight.on_packets(received, now)
@@ -167,25 +180,19 @@ class SearchClient:
         """Return the bytes to send: those without and those with orders."""
         launched = self.launched
         claims = not self._dry_run and self.outcome is None and self._session.reachable
-        told = self._others.poll(now, self._session.navigation.clock if claims else None, launched=launched)
+        told = self._line.others.poll(now, self._session.navigation.clock if claims else None, launched=launched)
         packed = b"".join(map(self._session.encoder.pack, told))
         requests, events = self._session.poll(now)
         self._events += events
         questions = b"" if launched else self._preflight.poll(now)
         return requests + questions + packed, self._commander.poll(now)
 
-    def _pass_on(self) -> None:
-        events = self._events[:]
-        self._events.clear()
-        for event in events:
-            self._emit(event)
-
     def _step(self, now: float, pose: FlownPose | None) -> None:
         phase = self._commander.phase
         if self.outcome is not None:
             self._flight.report_place(now, searching=False)
             return
-        if first := self._others.first:
+        if first := self._line.others.first:
             self._finish("failed", because(Why.OTHER_SEARCH, name=first.name, flies=self.launched))
         elif phase is Phase.IDLE:
             self._wait(now)
@@ -196,13 +203,13 @@ class SearchClient:
         elif phase is Phase.LOST:
             self._conclude_lost()
         elif phase is Phase.ENDED:
-            self._conclude()
+            self._conclude(now)
         elif self._stopping:
             self._commander.hold(now)
         elif phase is Phase.ARMING:
             no_frames = because(Why.NO_FRAMES_YET) if self._receiver.silent(now) else None
             self._commander.held_back = because(Why.UNDER_ANOTHER) if self._flight.wait(now) else no_frames
-            if self._receiver.silent(now, self._plan.patience_s):
+            if self._receiver.silent(now, self._flight.plan.patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:
             self._flight.fly(now, pose)
@@ -216,14 +223,14 @@ class SearchClient:
         verdict = self._preflight.check(now)
         if verdict is True and self._dry_run:
             verdict = self._dry_run.step(now, self._commander.authority.mode) or False
-        if verdict is True and (self._dry_run or self._others.is_settled(now)):
+        if verdict is True and (self._dry_run or self._line.others.is_settled(now)):
             self._launch(now)
         elif isinstance(verdict, Refusal):
             self._finish(verdict.kind, verdict.how)
 
     def _launch(self, now: float) -> None:
         try:
-            (self._commander.take_over if self._plan.take_over else self._commander.launch)(now)
+            (self._commander.take_over if self._flight.plan.take_over else self._commander.launch)(now)
         except ValueError as error:
             self._finish("failed", because(Why.ERROR, text=str(error)))
             return
@@ -231,16 +238,16 @@ class SearchClient:
         self._line.pin()
         if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
             self._commander.sticks.throttle = int(throttle)
-        self._events.append(Launched(now, str(self._session.vehicle), self._plan.take_over))
+        self._events.append(Launched(now, str(self._session.vehicle), self._flight.plan.take_over))
 
-    def _conclude(self) -> None:
+    def _conclude(self, now: float) -> None:
         mission = self.mission
         if self._stopping:
             self._finish("failed", because(Why.INTERRUPTED))
         elif self._commander.why or mission is None:
             self._finish("failed", *self._commander.why)
         else:
-            self._flight.confirm(self._now_s)
+            self._flight.confirm(now)
             self._finish(*conclusion(mission))
 
     def _conclude_lost(self) -> None:
@@ -271,5 +278,5 @@ class SearchClient:
         self._commander.let_go()
         if self.outcome is not None:
             return
-        self._flight.report_place(self._now_s, searching=False)
+        self._flight.report_place(self._line.empty_s, searching=False)
         self.outcome = outcome_of(mission, self.origin, kind, how) if mission else Outcome(kind, how)

@@ -37,8 +37,9 @@ _AGAIN_S: Final = 0.02
 
 
 class AutopilotLink:
-    """Remembers when the link was last empty. Times are seconds on the caller's clock.
+    """Remembers when the link was last empty (`empty_s`). Times are seconds on the caller's clock.
 
+    `others`: the other searches on the link.
     `on_bytes(sender, chunk, now, since)` gets the bytes; `since`: when the link was empty before. `on_gap(now, gap_s)`
     is called after a gap, before anything is read.
     """
@@ -46,15 +47,17 @@ class AutopilotLink:
     def __init__(
         self,
         link: Link,
+        others: OtherSearches,
         start: float,
         *,
         on_bytes: Callable[[Sender, bytes, float, float], None],
         on_gap: Callable[[float, float], None],
     ) -> None:
         self.link = link
+        self.others = others
+        self.empty_s = start
         self._on_bytes = on_bytes
         self._on_gap = on_gap
-        self._empty_s = start
         self._gap = False  # whether there was a gap
         self._losses: int | None = None  # of the link, when it was pinned
 
@@ -66,7 +69,7 @@ class AutopilotLink:
     def take_in(self, clock: Clock) -> bool:
         """Read until the link is empty. Return True if it is; the rest of a flood is read the next time."""
         begun = now = clock.now()
-        since, read = self._empty_s, 0
+        since, read = self.empty_s, 0
         if now - since > _GAP_S and not self._gap:
             self._gap = True
             self._on_gap(now, now - since)
@@ -79,7 +82,7 @@ class AutopilotLink:
                 read += len(chunk)
             now = clock.now()
             if not self.link.ready():
-                self._empty_s, self._gap = now, False
+                self.empty_s, self._gap = now, False
                 return True
             if read > _AT_ONCE or now - begun > _AT_ONCE_S:
                 return False
@@ -90,9 +93,9 @@ class AutopilotLink:
         Returns when to call it again: the result of `sent`, soon if orders were not sent, infinite if there are none.
         """
         for _ in range(_LOOKS):  # with a stepped clock the link stays as empty as before
-            empty = (self._empty_s == clock.now() and not self.link.ready()) or self.take_in(clock)
+            empty = (self.empty_s == clock.now() and not self.link.ready()) or self.take_in(clock)
             out, orders = due(clock.now())
-            in_time = empty and clock.now() - self._empty_s <= _HELD_UP_S
+            in_time = empty and clock.now() - self.empty_s <= _HELD_UP_S
             data = out + orders if in_time else out
             went = self.link.write(data) if data else True
             if in_time and went:
