@@ -245,9 +245,9 @@ def fly(name: str, seed: int, strategy: str = "estimate") -> Flown:
         mission.ended.why.name,
         mission.progress.searched_s,
         math.dist(found[:2], transmitter[:2]),
-        sigma_of(mission.accuracy.on_earth(found)),
+        sigma_of(mission.reports.accuracy.on_earth(found)),
         math.dist(found.goal - told[:2], transmitter[:2] - true[:2]),
-        sigma_of(mission.accuracy.relative(found)),
+        sigma_of(mission.reports.accuracy.relative(found)),
         found.turned_deg,
     )
 

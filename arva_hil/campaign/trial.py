@@ -116,8 +116,8 @@ def _accuracy(drone: Drone, now: float) -> tuple[float | None, ...]:
     mission = drone.mission
     if mission is None or mission.found is None:
         return ()
-    relative = mission.accuracy.relative(mission.found)
-    return sigma_of(mission.accuracy.on_earth(mission.found)), drone.relative_error(now), sigma_of(relative)
+    relative = mission.reports.accuracy.relative(mission.found)
+    return sigma_of(mission.reports.accuracy.on_earth(mission.found)), drone.relative_error(now), sigma_of(relative)
 
 
 def _outcome(drone: Drone) -> str:

@@ -806,7 +806,7 @@ def test_a_place_found_where_one_that_is_lost_may_be_is_told_without_flying_ther
 def test_a_pause_of_its_own_program_is_not_the_silence_of_the_others() -> None:
     mate = one()
     mate.on_news(News(2, 0.0, at(9, 0, 3), True, part=2, hunting=7))
-    mate.skip(10.0)
+    mate.others.skip(10.0)
     mate.report(10.0, HOME, flying=True)
     assert (mate.taken(7, own=False), mate.lost) == (True, {})
     mate.report(15.2, HOME, flying=True)
@@ -841,7 +841,7 @@ def test_the_others_know_of_one_on_the_ground_of_one_that_its_pilot_flies_and_of
     clock = StepClock()
 
     def seen(drone: Drone) -> tuple[News, float]:
-        news = mate._others[loop.drones.index(drone)]
+        news = mate.others.newest[loop.drones.index(drone)]
         return news, math.dist(loop.frame.ned(*news.lla), loop.frame.ned(*drone.vehicle.truth(clock.now()).lla))
 
     run(tasks, clock, until=10.0)

@@ -360,7 +360,7 @@ class Flight(MissionRun):
         self._setup.ground.on_packets(received, now)
         self._accuracy.on_packets(received)
         if self.mission:
-            self.mission.accuracy = self._accuracy.worst
+            self.mission.reports.accuracy = self._accuracy.worst
 
     def skip(self, now: float, seconds: float) -> None:
         """Skip a gap until now, in which the mission's clock did not run."""
@@ -369,7 +369,7 @@ class Flight(MissionRun):
         self._commander.steer(STAY)
         self._detour.restart()
         if self._team:
-            self._team.skip(now)
+            self._team.others.skip(now)
 
     def wait(self, now: float) -> bool:
         """Wait on the ground. Return True if the vehicle must stay there because another one is above it."""

@@ -330,6 +330,7 @@ class HeightKeeper:
     - `pace`: the share of the speed at which the height can follow the ground, before a rangefinder loses it.
     - `wanted`: the height above the ground [m], with the margin of an uncertain height.
     - `ground`: the ground below, down from the take-off point [m]; None if it is not known.
+    - `descent`: the one after the search, if it has begun.
     """
 
     def __init__(self, wanted: float, emit: Callable[[Event], None]) -> None:
@@ -338,6 +339,7 @@ class HeightKeeper:
         self.pace = 1.0
         self.wanted = self.asked = wanted
         self.ground: float | None = None
+        self.descent: Descent | None = None
         self._reached = False  # True if the height was reached once, after the climb from the take-off
         self._late_s = self._last_s = math.inf  # when it has failed without a rise, and in any case
         self._risen_m = math.nan  # the height at the last rise

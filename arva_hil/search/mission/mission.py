@@ -39,7 +39,7 @@ from arva_hil.search.mission.victims import ReceiverHost, Victim, Victims
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.history import speed_of
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
+from arva_hil.search.strategies.strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategies.strips import Strips
 from arva_hil.search.team.team import Teammate, TeamStrips, strips_of
 from firmware_proto import Frame
@@ -69,6 +69,28 @@ class Progress:
         self.position = position
 
 
+class PlaceReports:
+    """Emits the events about places. `accuracy`: of the vehicle's position on Earth, set from outside."""
+
+    def __init__(self, emit: Callable[[Event], None]) -> None:
+        self.emit = emit
+        self.accuracy = UNKNOWN
+        self._belief_s = -math.inf  # when an estimate may be reported next
+
+    def report_found(self, time_s: float, id_: int | None, found: Found, *, sure: bool) -> None:
+        """Report a place found."""
+        spread = self.accuracy.relative(found), self.accuracy.on_earth(found)
+        self.emit(PlaceFound(time_s, id_, found.north, found.east, found.covariance, sure, *spread))
+        if found.turned_deg is not None:
+            self.emit(ReceiverTurned(time_s, id_, found.turned_deg))
+
+    def report_belief(self, time_s: float, id_: int | None, belief: Belief) -> None:
+        """Report an estimate, twice a second at most."""
+        if time_s >= self._belief_s:
+            self._belief_s = time_s + _BELIEF_S
+            self.emit(BeliefChanged(time_s, id_, *belief))
+
+
 class Mission:
     """The received transmitters and the state of the search.
 
@@ -77,7 +99,7 @@ class Mission:
     - `progress`: since the end of the take-off, at `start_s`.
     - `over`: after the search it descends onto the place found, if it shall land; then only landing is left.
     - `choice`: the transmitters received, and the one that it flies to.
-    - `emit`: gets the events. `accuracy`: of the vehicle's position on Earth, set from outside.
+    - `reports`: the events about places, with the accuracy of the vehicle's position. `emit`: gets the events.
     - `team`: the other searches; transmitters of theirs are passed by.
     - `host`: commands to the receiver.
     - `worker`: computes; None: in this loop.
@@ -99,7 +121,7 @@ class Mission:
         self.plan = plan
         self.ended: Reason | None = None
         self._reached: AnalysisResult | None = None  # it flies above its place, to end there or to record it
-        self.accuracy = UNKNOWN
+        self.reports = PlaceReports(emit)
         self.progress = Progress(start_s, position)
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
         self._pauses = Pauses(start_s, plan.patience_s, emit)
@@ -109,9 +131,6 @@ class Mission:
         self.choice = Choice(guidance, self._passes, emit, LONG_S if team else math.inf)
         self._last_look = LastLook(self.choice, emit)
         self._keeper = HeightKeeper(plan.height, emit)
-        self._descent: Descent | None = None
-        self._emit = emit
-        self._belief_s = -math.inf  # when an estimate may be reported next
         self._team = team
 
     def on_frame(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
@@ -188,7 +207,8 @@ class Mission:
     @property
     def over(self) -> bool:
         """True if the search has ended, and the descent too."""
-        return self.ended is not None and (not self._lands or (self._descent is not None and self._descent.done))
+        descent = self._keeper.descent
+        return self.ended is not None and (not self._lands or (descent is not None and descent.done))
 
     @property
     def at_goal(self) -> bool:
@@ -203,12 +223,12 @@ class Mission:
     @property
     def blocked(self) -> bool:
         """True if the vehicle cannot land, because another vehicle of the team stays below."""
-        return self._descent is not None and self._descent.blocked
+        return self._keeper.descent is not None and self._keeper.descent.blocked
 
     @property
     def pace(self) -> float:
         """The share of the speed that the height allows for a horizontal velocity."""
-        return self._keeper.pace if self._descent is None else 1.0
+        return self._keeper.pace
 
     @property
     def _shares(self) -> bool:
@@ -230,15 +250,16 @@ class Mission:
         return {id_: one for id_, one in heard.items() if self.found is None or id_ != target}
 
     def _come_down(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
-        if self._descent is None:
+        if (descent := self._keeper.descent) is None:
             place = self.found.goal if self.found else position[:2]
-            self._descent = Descent(place, self.plan.speed, time_s, height.metres, self._team)
+            descent = Descent(place, self.plan.speed, time_s, height.metres, self._team)
+            self._keeper.descent, self._keeper.pace = descent, 1.0
             if self.found:
-                self._emit(DescentBegun(time_s))
+                self.reports.emit(DescentBegun(time_s))
         if self.found:
             self.choice.guidance.contradictions(time_s)  # the newest ones at the end of the descent
-        velocity = self._descent.velocity(time_s, position, height)
-        if self._descent.done:
+        velocity = descent.velocity(time_s, position, height)
+        if descent.done:
             self.confirm(time_s)
         return velocity
 
@@ -348,7 +369,7 @@ class Mission:
         if answer.track and target != NO_ID:
             self.victims.aside.put_moving(target, answer.track)
             _, north, east = answer.track[-1]
-            self._emit(TransmitterMoves(time_s, target, speed_of(answer.track), north, east))
+            self.reports.emit(TransmitterMoves(time_s, target, speed_of(answer.track), north, east))
             self._go_on(position)
             return
         if answer.found is not None:
@@ -356,17 +377,9 @@ class Mission:
                 return
             self._reached = answer
             self.victims.aside.moving.pop(target, None)
-            self._report_found(answer.found, id_of(target), time_s)
-        if answer.belief is not None and time_s >= self._belief_s:
-            self._belief_s = time_s + _BELIEF_S
-            self._emit(BeliefChanged(time_s, id_of(target), *answer.belief))
-
-    def _report_found(self, found: Found, id_: int | None, time_s: float) -> None:
-        """Report a place found."""
-        spread = self.accuracy.relative(found), self.accuracy.on_earth(found)
-        self._emit(PlaceFound(time_s, id_, found.north, found.east, found.covariance, self.sure, *spread))
-        if found.turned_deg is not None:
-            self._emit(ReceiverTurned(time_s, id_, found.turned_deg))
+            self.reports.report_found(time_s, id_of(target), answer.found, sure=self.sure)
+        if answer.belief is not None:
+            self.reports.report_belief(time_s, id_of(target), answer.belief)
 
     def _repeated(self, target: int, found: Found, sure: bool, time_s: float, position: Position) -> bool:
         """Return True if a place is found already, or is to be searched again."""

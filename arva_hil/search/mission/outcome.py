@@ -121,5 +121,5 @@ def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tup
         mission.plan.victims,
         from_drone=from_drone,
         moving=tuple(mission.victims.aside.moving.items()),
-        accuracy=mission.accuracy,
+        accuracy=mission.reports.accuracy,
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.strategies.plan import SearchPlan
@@ -58,39 +58,70 @@ _THERE_M: Final = 2.0  # radius about a place at which a transmitter was receive
 _OUTSIDE_M: Final = 20.0  # limit outside of the area: other vehicles neither push nor send it farther
 
 
+class OtherNews:
+    """Remembers the `newest` news of the other searches, by their numbers. `now`: the time of the own last report."""
+
+    def __init__(self) -> None:
+        self.newest: dict[int, News] = {}
+        self.now = -math.inf
+        self._deaf_until_s = -math.inf
+
+    def skip(self, now: float) -> None:
+        """Handle a delay until now, in which no news could be received: silence until then does not count."""
+        self._deaf_until_s = now
+
+    def age_s(self, other: News) -> float:
+        return math.inf if other.lost else self.now - max(other.time_s, self._deaf_until_s)
+
+    def is_old(self, other: News) -> bool:
+        return self.age_s(other) > _OLD_S
+
+    @property
+    def alive(self) -> list[News]:
+        return [other for other in self.newest.values() if not self.is_old(other)]
+
+    @property
+    def ages(self) -> list[tuple[News, float]]:
+        """The news, each with its age."""
+        return [(other, self.age_s(other)) for other in self.newest.values()]
+
+
+class OwnSearch(NamedTuple):
+    """The search of one vehicle of a team, once it has taken off."""
+
+    origin: LocalFrame
+    """The take-off point."""
+    speed: float
+    """The highest [m/s]."""
+    area: Area
+    """That of all, from the take-off point."""
+
+
 class Teammate:
-    """Remembers the newest news of the other searches. `number`: its own; the lower one goes first in a conflict.
+    """One search of a team. `number`: its own; the lower one goes first in a conflict. `others`: their news.
 
     `send`: passes news on to the others. `field`: the area that they divide; None: each searches its plan's own area.
     """
 
     def __init__(self, number: int, send: Callable[[News], None], field: TeamField | None = None) -> None:
         self.number = number
+        self.others = OtherNews()
         self._send = send
         self._field = field
-        self._origin: LocalFrame | None = None
+        self._search: OwnSearch | None = None
         self._raised_m = 0.0  # above the lowest layer
         self._part: int | None = number  # that it searches
         self._flown: set[int] = set()
         self._own: set[int] = set()  # transmitters that it has found
         self._visited: set[int] = set()  # transmitters that it did not find at the places of reception
         self._began = math.inf
-        self._others: dict[int, News] = {}
         self._told: News | None = None
-        self._now = -math.inf
-        self._deaf_until_s = -math.inf  # it could not receive news
-        self._speed = 1.0
-        self._area: Area = (-math.inf, -math.inf, math.inf, math.inf)  # of all, from its take-off point
 
     def on_news(self, news: News) -> None:
         """Use the news of another search."""
         if news.number != self.number:
-            self._others[news.number] = news
+            self.others.newest[news.number] = news
             self._flown.update(news.flown)
-
-    def skip(self, now: float) -> None:
-        """Handle a delay until now: silence until then does not count."""
-        self._deaf_until_s = now
 
     def report(
         self,
@@ -106,7 +137,7 @@ class Teammate:
         lost: bool = False,
     ) -> None:
         """Pass on the place and the task of its own vehicle, five times a second and when they change."""
-        self._now = now
+        self.others.now = now
         self._began = min(self._began, now)
         self._own.update(found)
         part = self._part if searching else None
@@ -125,8 +156,8 @@ class Teammate:
         `metres`: its smallest distance. Of two that fly there the one with half the distance goes on,
         otherwise the lower number.
         """
-        hunted = any(self._hunts(other, id_, own=own, metres=metres) for other in self._others.values())
-        return hunted or any(id_ in other.found for other in self._others.values())
+        hunted = any(self._hunts(other, id_, own=own, metres=metres) for other in self.others.newest.values())
+        return hunted or any(id_ in other.found for other in self.others.newest.values())
 
     def layered(self, plan: SearchPlan) -> SearchPlan:
         """Return the plan at the height of its own layer."""
@@ -135,16 +166,15 @@ class Teammate:
 
     def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
         """Return the plan with the team's area as it is seen from the take-off point."""
-        self._speed, self._origin = plan.speed, origin
         plan = plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
-        self._area = plan.area
+        self._search = OwnSearch(origin, plan.speed, plan.area)
         return plan
 
     def area(self) -> Area | None:
         """Return the part that it searches, from its take-off point."""
-        if self._field is None or self._origin is None or self._part is None:
+        if self._field is None or self._search is None or self._part is None:
             return None
-        return self._field.seen_from(self._origin, self._part)
+        return self._field.seen_from(self._search.origin, self._part)
 
     def done(self) -> None:
         """Mark the strips of its part as flown."""
@@ -168,7 +198,7 @@ class Teammate:
         part = self._part
         if part is None or part == self.number:
             return False
-        searching = [other.number for other in self._alive() if other.part == part]
+        searching = [other.number for other in self.others.alive if other.part == part]
         if part in self._flown or any(number == part or number < self.number for number in searching):
             self._part = None
         return self._part is None
@@ -186,12 +216,12 @@ class Teammate:
         It is the place of a transmitter that was received and to which no vehicle flies. Of the vehicles whose strips
         are flown the nearest one goes there, each to one place.
         """
-        news = [told for told in (self._told, *self._others.values()) if told]
+        news = [told for told in (self._told, *self.others.newest.values()) if told]
         every = sorted((one for told in news for one in told.heard), key=lambda one: -one.metres)
         left = [one for one in every if one.id not in self._own and not self.taken(one.id, own=False)]
         places = {one.id: self._seen(one.lat, one.lon) for one in left}
         places = {id_: place for id_, place in places.items() if not self._edges(place)}
-        free = {other.number: self._seen(*other.lla[:2]) for other in self._alive() if other.free}
+        free = {other.number: self._seen(*other.lla[:2]) for other in self.others.alive if other.free}
         free[self.number] = position[:2]
         self._visited |= {
             id_
@@ -218,8 +248,8 @@ class Teammate:
         """
         taken = [
             other
-            for other in self._others.values()
-            if not other.flying or self._is_old(other) or (other.ended and self._goes_first(other))
+            for other in self.others.newest.values()
+            if not other.flying or self.others.is_old(other) or (other.ended and self._goes_first(other))
         ]
         return clear_of(place, [(self._seen(*other.lla[:2]), self._apart_m(other)) for other in taken])
 
@@ -229,9 +259,9 @@ class Teammate:
 
         Each has north and east of its take-off point, and the distance kept from it [m].
         """
-        if self._origin is None:
+        if self._search is None:
             return {}
-        gone = [other for other in self._others.values() if other.flying and self._is_old(other)]
+        gone = [other for other in self.others.newest.values() if other.flying and self.others.is_old(other)]
         return {other.number: (*self._seen(*other.lla[:2]), self._apart_m(other)) for other in gone}
 
     def bars(self, place: tuple[float, float], position: Position) -> bool:
@@ -247,7 +277,7 @@ class Teammate:
         It is lower once all vehicles of the layer below have ended and are on the ground. The vehicle, now at
         `height_m`, does not descend above another one.
         """
-        below = [other for other in self._others.values() if layer_m(other.number) < self._raised_m]
+        below = [other for other in self.others.newest.values() if layer_m(other.number) < self._raised_m]
         if not below or any(other.flying or not other.ended for other in below):
             return wanted_m
         low_m = wanted_m - self._raised_m
@@ -260,7 +290,8 @@ class Teammate:
     @property
     def under_another(self) -> bool:
         """True if another one is above its vehicle, which is on the ground, or may be: it must not take off."""
-        return self._told is not None and not may_take_off(self._ages(), self._told.lla, self._speed)
+        speed = self._search.speed if self._search else 1.0
+        return self._told is not None and not may_take_off(self.others.ages, self._told.lla, speed)
 
     def apart(self, position: Position, velocity: Position, speed: float) -> Position:
         """Return the velocity without the part that leads to another vehicle, at most `speed` [m/s] horizontally.
@@ -275,7 +306,8 @@ class Teammate:
 
     def _edges(self, place: tuple[float, float]) -> list[tuple[float, float]]:
         """Return the directions in which a place is too far outside of the area."""
-        (north, east), (south, west, most_north, most_east) = place, self._area
+        assert self._search is not None
+        (north, east), (south, west, most_north, most_east) = place, self._search.area
         outside = {
             (1.0, 0.0): north - most_north,
             (-1.0, 0.0): south - north,
@@ -285,7 +317,8 @@ class Teammate:
         return [way for way, metres in outside.items() if metres > _OUTSIDE_M]
 
     def _neighbours(self, position: Position) -> list[Near]:
-        return neighbours(self._ages(), self._origin, position, self._speed) if self._origin else []
+        own = self._search
+        return neighbours(self.others.ages, own.origin, position, own.speed) if own else []
 
     def _makes_room(self, one: Near) -> bool:
         first = self._goes_first(one.other)
@@ -294,27 +327,16 @@ class Teammate:
     def _goes_first(self, other: News) -> bool:
         return self._told is not None and goes_first(other, self._told)
 
-    def _ages(self) -> list[tuple[News, float]]:
-        return [(other, self._age_s(other)) for other in self._others.values()]
-
-    def _age_s(self, other: News) -> float:
-        return math.inf if other.lost else self._now - max(other.time_s, self._deaf_until_s)
-
     def _apart_m(self, other: News) -> float:
-        return apart_m(other, self._age_s(other), self._speed)
-
-    def _is_old(self, other: News) -> bool:
-        return self._age_s(other) > _OLD_S
-
-    def _alive(self) -> list[News]:
-        return [other for other in self._others.values() if not self._is_old(other)]
+        assert self._search is not None
+        return apart_m(other, self.others.age_s(other), self._search.speed)
 
     def _held(self) -> set[int]:
         """Return the parts that others search. A search that sent nothing so far may still come."""
         assert self._field is not None
-        held = {other.part for other in self._alive() if other.part is not None}
-        if self._now - self._began < _ABSENT_S:
-            held |= set(range(self._field.count)) - self._others.keys() - {self.number}
+        held = {other.part for other in self.others.alive if other.part is not None}
+        if self.others.now - self._began < _ABSENT_S:
+            held |= set(range(self._field.count)) - self.others.newest.keys() - {self.number}
         return held - self._flown
 
     def _left(self) -> set[int]:
@@ -323,18 +345,19 @@ class Teammate:
         return set(range(self._field.count)) - self._flown - self._held()
 
     def _hunts(self, other: News, id_: int, *, own: bool, metres: float) -> bool:
-        if other.hunting != id_ or self._is_old(other) or metres < _MUCH_NEARER * other.hunting_m:
+        if other.hunting != id_ or self.others.is_old(other) or metres < _MUCH_NEARER * other.hunting_m:
             return False
         return not own or other.number < self.number or other.hunting_m < _MUCH_NEARER * metres
 
     def _is_found(self, id_: int) -> bool:
-        return id_ in self._own or any(id_ in other.found for other in self._others.values())
+        return id_ in self._own or any(id_ in other.found for other in self.others.newest.values())
 
     def _seen(self, lat: float, lon: float) -> tuple[float, float]:
         """Return a place from the own take-off point."""
-        assert self._origin is not None
-        alt = float(self._origin.lla([0.0, 0.0, 0.0])[2])
-        north, east, _ = (float(value) for value in self._origin.ned(lat, lon, alt))
+        assert self._search is not None
+        origin = self._search.origin
+        alt = float(origin.lla([0.0, 0.0, 0.0])[2])
+        north, east, _ = (float(value) for value in origin.ned(lat, lon, alt))
         return north, east
 
 
