@@ -15,7 +15,9 @@ from scipy.spatial.transform import Rotation
 from arva_hil.model.field import Transmitters
 from arva_hil.model.field.keying import Keying
 from arva_hil.model.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
-from arva_hil.model.receiver.display import Display
+from arva_hil.model.receiver.display import Display, Shown
+from arva_hil.model.receiver.listening import SeparatedPulse
+from arva_hil.model.receiver.pulsed import PulseTrack
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from tests.every import every
 from tools.figures.hovering import PAPER, Hovering, transmitters
@@ -125,12 +127,13 @@ ALIKE = transmitters([4, 0, 0], [0, 4, 0], keyings=[STEADY, Keying(1.001, 0.08, 
             ],
         ),
         (
-            "a mark is refused far away and unheard",
+            "a mark is refused far away and unheard, and no mark is removed where there is none",
             transmitters([8, 0, 0], keyings=[STEADY]),
             {},
             [
                 *(asks(0.0, "mark 1", REFUSED), sees(6.0, 1), asks(6.0, "mark 1", REFUSED)),
                 *(asks(6.0, "mark 9", REFUSED), asks(6.0, "mark", REFUSED), asks(6.0, "dance", Answer.UNKNOWN)),
+                *(asks(6.0, "unmark 1", REFUSED), asks(6.0, "unmark 9", REFUSED)),
             ],
         ),
         (
@@ -377,6 +380,12 @@ def test_without_a_pose_pulses_are_missed() -> None:
         receiver.model.look(Look(t, None, receiver.transmitters))
         t = receiver.model.next_look(t, 9.0)
     assert shown(receiver.model.show(8.0)) == {}
+
+
+def test_a_pulse_on_another_carrier_is_not_in_the_rhythm_of_a_track() -> None:
+    track, shown = PulseTrack([]), Shown(Zone.MID, 1000, 0, (0.0, 0.0, 0.0))
+    pulses = [SeparatedPulse(float(n), 40.0 * (n == 2), (0.0, 0.0, 0.0), False) for n in range(4)]
+    assert [track.hear(one, one.start_s + 0.08, shown) for one in pulses] == [False, True, False, True]
 
 
 def test_a_carrier_beside_weakens_a_signal_and_leaves_its_direction() -> None:

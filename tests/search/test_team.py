@@ -699,6 +699,16 @@ def test_nobody_drives_it_far_out_of_the_area(east: float, wanted: float, made: 
     assert velocity == pytest.approx((0.0, 1.0 if made else 0.0, 0.0), abs=0.01)
 
 
+@pytest.mark.parametrize("way", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_beyond_every_side_of_the_area_it_flies_along_the_side_only(way: tuple[int, int]) -> None:
+    """Another one drives it out, and it wants along the side."""
+    north, east = way
+    mate = member()
+    mate.on_news(News(2, 0.0, at(52 * north, 52 * east, 3), True, hunting=7, hunting_m=1.0))
+    wanted = 0.3 * east, 0.3 * north, 0.0
+    assert mate.apart((55.0 * north, 55.0 * east, -3.0), wanted, 1.0) == pytest.approx(wanted, abs=0.01)
+
+
 def test_below_half_its_height_it_makes_no_room_and_only_climbs() -> None:
     mate = member()
     mission = Mission(SearchPlan(STRATEGIES["flux"]), 0.0, (0.0, 0.0, -3.0), team=mate)
