@@ -699,6 +699,13 @@ def test_nobody_drives_it_far_out_of_the_area(east: float, wanted: float, made: 
     assert velocity == pytest.approx((0.0, 1.0 if made else 0.0, 0.0), abs=0.01)
 
 
+@pytest.mark.parametrize(("below", "descends"), [(7.9, False), (8.1, True)])
+def test_it_descends_onto_no_vehicle_that_is_less_than_eight_metres_below(below: float, descends: bool) -> None:
+    mate = member()
+    mate.on_news(News(2, 0.0, at(0, 3, 20.0 - below), True))
+    assert (mate.apart((0.0, 0.0, -20.0), (0.0, 0.0, 0.5), 1.0)[2] > 0) == descends
+
+
 @pytest.mark.parametrize("way", [(1, 0), (-1, 0), (0, 1), (0, -1)])
 def test_beyond_every_side_of_the_area_it_flies_along_the_side_only(way: tuple[int, int]) -> None:
     """Another one drives it out, and it wants along the side."""
