@@ -111,14 +111,20 @@ def test_each_value_says_where_it_comes_from(arva: Arva, file: Path) -> None:
     _, out, err = arva("config", "--scenario", file, "--json")
     assert err == ""
     said = origins(out)
-    assert said["transmitters.0.id"] == (3, f"{file}:2")
-    assert said["transmitters.0.ned"] == ([5, 9, 0], f"{file}:2")  # the file says it as enu
-    assert said["transmitters.1.strength"] == (0.5, f"{file}:5")
-    assert said["transmitters.0.strength"] == (1.0, "default")
-    assert said["receiver.rate_hz"] == (2.0, f"{file}:7")
-    assert said["faults.0.drop"] == (0.02, f"{file}:8")
-    assert said["seed"] == (1, "default")
-    assert said["--timeout"] == (10.0, "default")
+    assert (
+        said
+        | {
+            "transmitters.0.id": (3, f"{file}:2"),
+            "transmitters.0.ned": ([5, 9, 0], f"{file}:2"),  # the file says it as enu
+            "transmitters.1.strength": (0.5, f"{file}:5"),
+            "transmitters.0.strength": (1.0, "default"),
+            "receiver.rate_hz": (2.0, f"{file}:7"),
+            "faults.0.drop": (0.02, f"{file}:8"),
+            "seed": (1, "default"),
+            "--timeout": (10.0, "default"),
+        }
+        == said
+    )
 
 
 def test_the_environment_is_stronger_than_the_file_and_the_command_line_stronger_than_both(
@@ -127,13 +133,19 @@ def test_the_environment_is_stronger_than_the_file_and_the_command_line_stronger
     for name, value in {"RATE": "5", "SEED": "7", "PORT": "pty", "TIMEOUT": "3", "FAULT": "drop=0.5"}.items():
         monkeypatch.setenv(f"ARVA_HIL_{name}", value)
     said = origins(arva("config", "--scenario", file, "--seed", 9, "--timeout", 4, "--json").out)
-    assert said["receiver.rate_hz"] == (5.0, "environment, ARVA_HIL_RATE")
-    assert said["seed"] == (9, "command line")
-    assert said["--timeout"] == (4.0, "command line")
-    assert said["--port"] == ("pty", "environment, ARVA_HIL_PORT")
-    assert said["--scenario"] == (str(file), "command line")
-    assert said["faults.0.drop"] == (0.02, f"{file}:8")
-    assert said["faults.1.drop"] == (0.5, "environment, ARVA_HIL_FAULT")
+    assert (
+        said
+        | {
+            "receiver.rate_hz": (5.0, "environment, ARVA_HIL_RATE"),
+            "seed": (9, "command line"),
+            "--timeout": (4.0, "command line"),
+            "--port": ("pty", "environment, ARVA_HIL_PORT"),
+            "--scenario": (str(file), "command line"),
+            "faults.0.drop": (0.02, f"{file}:8"),
+            "faults.1.drop": (0.5, "environment, ARVA_HIL_FAULT"),
+        }
+        == said
+    )
 
 
 def test_faults_that_are_taken_away_are_gone(arva: Arva, file: Path) -> None:

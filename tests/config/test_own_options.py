@@ -131,11 +131,22 @@ def test_without_a_default_a_key_is_needed_and_python_may_give_options_or_a_mapp
 
 def test_the_schema_of_each_key() -> None:
     schemas = {name: one.json() for name, one in own_keys(Options).items()}
-    assert schemas["needed"] == {"type": "integer"}
-    assert schemas["whole"] == {"type": "integer", "minimum": 1, "exclusiveMaximum": 10, "default": 1}
-    assert schemas["share"] == {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
-    assert schemas["late"] == {"type": "number", "minimum": 0}
-    assert schemas["one_of"] == {"enum": ["a", "b"], "type": "string", "default": "a"}
-    pair = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [{"type": "number"}] * 2}
-    assert schemas["pair"] == {**pair, "default": [1.0, 2.0]}
-    assert schemas["names"] == {"type": "array", "items": {"type": "string"}}
+    assert (
+        schemas
+        | {
+            "needed": {"type": "integer"},
+            "whole": {"type": "integer", "minimum": 1, "exclusiveMaximum": 10, "default": 1},
+            "share": {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1},
+            "late": {"type": "number", "minimum": 0},
+            "one_of": {"enum": ["a", "b"], "type": "string", "default": "a"},
+            "pair": {
+                "type": "array",
+                "minItems": 2,
+                "maxItems": 2,
+                "prefixItems": [{"type": "number"}] * 2,
+                "default": [1.0, 2.0],
+            },
+            "names": {"type": "array", "items": {"type": "string"}},
+        }
+        == schemas
+    )
