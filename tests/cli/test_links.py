@@ -111,16 +111,21 @@ def test_a_run_shorter_than_the_timeout_that_heard_nothing_is_no_success(arva: A
     arva("--port", "pty", "--autopilot", "pty", "--duration", 0.2, code=3)
 
 
-def test_bytes_but_no_packets_hint_at_the_baud_rate(start: Start, line: PtyLink) -> None:
+STATION = heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (bytes(n * 7 % 251 for n in range(1000)), "1000 bytes came, but no MAVLink packet: is the baud rate right"),
+        (STATION, "no autopilot's heartbeat: heartbeats of gcs from 255/190 ×1"),
+    ],
+    ids=["no packets", "only a ground station"],
+)
+def test_what_is_heard_instead_of_an_autopilot_is_named(start: Start, line: PtyLink, data: bytes, said: str) -> None:
     program = start("--port", "pty", "--autopilot", f"{line.path},9600", "--timeout", 0.5).after("scenario")
-    line.write(bytes(n * 7 % 251 for n in range(1000)))
-    assert "1000 bytes came, but no MAVLink packet: is the baud rate right" in program.ends(3)
-
-
-def test_only_a_ground_station_is_heard(start: Start, line: PtyLink) -> None:
-    program = start("--port", "pty", "--autopilot", line.path, "--timeout", 0.5).after("scenario")
-    line.write(heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID))
-    assert "no autopilot's heartbeat: heartbeats of gcs from 255/190 ×1" in program.ends(3)
+    line.write(data)
+    assert said in program.ends(3)
 
 
 # -- an autopilot that gives no position -------------------------------------------------------------------
@@ -271,7 +276,7 @@ def test_a_server_takes_the_next_client(start: Start, keep: Keep, line: PtyLink,
 def test_a_link_lost_before_the_first_heartbeat_is_the_reason_given(start: Start, keep: Keep, tmp_path: Path) -> None:
     line = keep(PtyLink(path := str(tmp_path / "fc")))
     program = start("--port", "pty", "--autopilot", path, "--timeout", 1).after("scenario")
-    line.write(heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID))
+    line.write(STATION)
     line.close()
     assert f"error: no autopilot was found: {path}: lost" in program.ends(3)
 
