@@ -49,8 +49,7 @@ def table_lines(rows: Iterable[Sequence[str]]) -> list[str]:
     """Return a table for a terminal, a line for each row: the first column to the left, all others to the right."""
     table = [*rows]
     first, *others = [max(map(len, column)) for column in zip(*table, strict=True)]
-    cells = ([row[0].ljust(first), *map(str.rjust, row[1:], others)] for row in table)
-    return ["  ".join(one).rstrip() for one in cells]
+    return ["  ".join([row[0].ljust(first), *map(str.rjust, row[1:], others)]).rstrip() for row in table]
 
 
 _FURTHER: Final = 2
@@ -67,8 +66,9 @@ def wrapped(line: str, columns: int | None, further: int = _FURTHER) -> str:
         return line
     begin = line[: len(line) - len(line.lstrip())] if further == _FURTHER else ""
     indent = begin + " " * (further if further <= columns // _MOST else _FURTHER)
-    rows = textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(rows)
+    return "\n".join(
+        textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    )
 
 
 def columns_of(stream: TextIO | None) -> int | None:

@@ -75,9 +75,15 @@ class PathVehicle:
             self._next_heartbeat = now + _HEARTBEAT_S
             messages.append(_HEARTBEAT(*_KIND))
         if now < self._start:
-            messages.append(self._home_message())
-        messages.append(_POSITION(boot_ms, *place, *speeds, round(math.degrees(yaw) * 100) % 36000))
-        messages.append(_ATTITUDE(boot_ms, 0.0, 0.0, yaw, *_STILL))
+            home = self._home.lla(_STILL)
+            where = round(home[0] * 1e7), round(home[1] * 1e7), round(home[2] * 1e3)
+            messages.append(
+                dialect.MAVLink_home_position_message(*where, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
+            )
+        messages += [
+            _POSITION(boot_ms, *place, *speeds, round(math.degrees(yaw) * 100) % 36000),
+            _ATTITUDE(boot_ms, 0.0, 0.0, yaw, *_STILL),
+        ]
         self._plan(now)
         return b"".join(map(self._encoder.pack, messages))
 
@@ -105,9 +111,3 @@ class PathVehicle:
         while (due := self._start + self._samples / self._rate_hz) <= now:
             self._samples += 1
         self.next_due = min([due, *(point.time_s for point in self._path if now < point.time_s < due)])
-
-    def _home_message(self) -> object:
-        lat, lon, alt = self._home.lla(_STILL)
-        return dialect.MAVLink_home_position_message(
-            round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0
-        )

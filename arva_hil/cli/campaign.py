@@ -140,8 +140,7 @@ def _fly(
 
 
 def _progress(kept: Results, every: Sequence[Planned]) -> str:
-    done = sum(kept.done(planned.key) for planned in every)
-    return f"{done} of {len(every)} results are in {kept.path}"
+    return f"{sum(kept.done(planned.key) for planned in every)} of {len(every)} results are in {kept.path}"
 
 
 class _Progress:

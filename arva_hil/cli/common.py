@@ -132,8 +132,10 @@ def open_reopened(address: str, clock: Clock, stack: ExitStack, *, answered: boo
     """
     from arva_hil.links.reconnecting import open_reconnecting  # with serial ports, which a replay does not need
 
-    link = open_or_fail(address, clock, open_reconnecting, answered=answered, patient=parse(address).kind == "tcp")
-    return stack.enter_context(closing(link))
+    patient = parse(address).kind == "tcp"
+    return stack.enter_context(
+        closing(open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient))
+    )
 
 
 def attend(

@@ -42,8 +42,7 @@ class Origins:
             root = yaml.compose(read_text(self._file, "a scenario file"), yaml.BaseLoader)
             self._lines = dict(_lines(root)) if root else {}
             self._of_file = len(load(self._file).faults)
-        added = list(options.fault or ())
-        if None in added:  # `none` removes all faults before it
+        if None in (options.fault or ()):  # `none` removes all faults before it
             self._of_file = 0
         self._of_file = min(self._of_file, len(chosen.faults))
 

@@ -49,9 +49,8 @@ _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the
 
 
 def main(options: argparse.Namespace) -> int:
-    decoder = FORMATS[options.format].decoder()
     listener = Listener(
-        decoder,
+        FORMATS[options.format].decoder(),
         Encoder(1, _COMPONENT) if over_mavlink(options.format) else None,
         options.format,
         options.json,

@@ -159,10 +159,15 @@ class Ending:
     def close(self, code: int, how: str, counts: dict[str, int]) -> None:
         """Close the record. Raises Failure if it is not whole."""
         log = self.log
-        entries = vehicle_entries(log.session, log.world.datum)
         try:
             self.recorder.close(
-                {"ended": how, "exit_code": code, **self.known, **entries, "counters": {**log.counts(), **counts}}
+                {
+                    "ended": how,
+                    "exit_code": code,
+                    **self.known,
+                    **vehicle_entries(log.session, log.world.datum),
+                    "counters": {**log.counts(), **counts},
+                }
             )
         except RecordError as error:
             raise Failure(FAILED, error) from None
@@ -183,8 +188,10 @@ def doubt(log: ReceiverLog, format: str) -> str:
     """Return the likely reason for missing frames."""
     if not log.received.first_bytes:
         return "the receiver has sent nothing: is it the right port, and is the receiver on?"
-    guess = guess_format(log.received.first_bytes, format)
-    return f"no {format} frame in {len(log.received.first_bytes)} bytes, which are kept for `arva-hil decode`: {guess}"
+    return (
+        f"no {format} frame in {len(log.received.first_bytes)} bytes, which are kept for `arva-hil decode`: "
+        f"{guess_format(log.received.first_bytes, format)}"
+    )
 
 
 class _Watch:

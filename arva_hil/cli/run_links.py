@@ -112,8 +112,11 @@ def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
     if options.json and options.port == "-":
         raise UsageError("--json and --port - both go to stdout: choose one")
     check_sides(options.autopilot, options.port, form)
-    autopilot = options.autopilot or choose_autopilot(options.port)
-    return FleetSides({"autopilot": autopilot}, {}, {} if inside else {"port": options.port})
+    return FleetSides(
+        {"autopilot": options.autopilot or choose_autopilot(options.port)},
+        {},
+        {} if inside else {"port": options.port},
+    )
 
 
 def session(options: argparse.Namespace, **more: Any) -> Session:

@@ -145,8 +145,7 @@ def _heard(session: Session, *, alone: bool, others: bool) -> list[str]:
 
 def _of(session: Session, what: str) -> dict[str, int]:
     """Return the counts of a link's "packets", or of a vehicle's "values", that were not used."""
-    counts = session.disbelieved()
-    return {name: n for name, n in counts.items() if name.startswith("packets_") == (what == "packets")}
+    return {name: n for name, n in session.disbelieved().items() if name.startswith("packets_") == (what == "packets")}
 
 
 def _not_used(counts: Mapping[str, int]) -> list[str]:

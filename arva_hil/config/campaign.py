@@ -196,8 +196,12 @@ class _File(Constraint):
         return scenario
 
     def json(self) -> dict[str, Any]:
-        random = {"random": TableOf(Random).json()}
-        drawn = {"type": "object", "properties": random, "required": ["random"], "additionalProperties": False}
+        drawn = {
+            "type": "object",
+            "properties": {"random": TableOf(Random).json()},
+            "required": ["random"],
+            "additionalProperties": False,
+        }
         return {"anyOf": [{"type": "string"}, drawn]}
 
 

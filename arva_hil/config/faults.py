@@ -182,14 +182,16 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
     if kind.valid is TRANSMITTER and fault.value not in ids:
         return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"
     if kind.stage == "wire" and over_mavlink(format):
-        wire = [name for name in FORMATS if not over_mavlink(name)]
         return (
             f"{fault.name} with the format {format}",
-            f"{' or '.join(wire)}, because it would break the autopilot's own link",
+            f"{' or '.join(name for name in FORMATS if not over_mavlink(name))}, because it would break the "
+            "autopilot's own link",
         )
     if fault.name in ("sequence", "self_test") and not FORMATS[format].numbered:
-        numbered = [name for name in FORMATS if FORMATS[name].numbered]
-        return f"{fault.name} with the format {format}", f"{' or '.join(numbered)}, which carry it"
+        return (
+            f"{fault.name} with the format {format}",
+            f"{' or '.join(name for name in FORMATS if FORMATS[name].numbered)}, which carry it",
+        )
     return None
 
 

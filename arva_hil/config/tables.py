@@ -94,9 +94,13 @@ class Table:
 def _declared(one: Any) -> Field:
     file_only = isinstance(one.type, InitVar)
     of = one.type.type if file_only else one.type
-    constraint = one.metadata["constraint"] or TableOf(*(cls for cls in (of, *get_args(of)) if is_table(cls)))
     return Field(
-        constraint, one.metadata["help"], one.metadata["since"], one.default, file_only, type(None) in get_args(of)
+        one.metadata["constraint"] or TableOf(*(cls for cls in (of, *get_args(of)) if is_table(cls))),
+        one.metadata["help"],
+        one.metadata["since"],
+        one.default,
+        file_only,
+        type(None) in get_args(of),
     )
 
 

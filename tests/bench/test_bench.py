@@ -56,9 +56,8 @@ def test_it_flies_from_point_to_point_and_stays() -> None:
         bench.fly([(0, 0, 0, -3), (4, 8, 0, -3), (6, 8, 4, -3, 90)])
         made = bench.advance(8)
         places = [one.pose.position.tolist() for one in made if one.pose]
-        assert places[0] == pytest.approx([1, 0, -3], abs=0.02)
-        assert places[5] == pytest.approx([8, 3, -3], abs=0.02)
-        assert places[7] == pytest.approx([8, 4, -3], abs=0.02)
+        for number, place in {0: [1, 0, -3], 5: [8, 3, -3], 7: [8, 4, -3]}.items():
+            assert places[number] == pytest.approx(place, abs=0.02)
         assert bench.truth().yaw_deg == pytest.approx(90)
 
 

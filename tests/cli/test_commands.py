@@ -203,8 +203,7 @@ def test_listen_into_head_prints_one_line_and_no_traceback(tmp_path: Path) -> No
     done = subprocess.run(
         f"{shlex.join(PROGRAM)} listen {file} | head -n 1", shell=True, capture_output=True, text=True, timeout=20
     )
-    assert done.stdout == "  0  no signal\n"
-    assert done.stderr == ""
+    assert (done.stdout, done.stderr) == ("  0  no signal\n", "")
 
 
 def test_the_demo_without_pseudo_terminals_says_what_else_there_is(arva: Arva, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -402,10 +402,13 @@ def test_the_baud_rate_that_brings_packets_is_found_and_everything_else_looked_a
     said = examine(
         "--autopilot", f"{autopilot.address},38400", "--format", "tunnel", listen=HEARTBEAT_S, fails=("baud",)
     )
-    assert said["baud"]["found"] == "921600 brings packets, 38400 does not"
-    assert said["baud"]["cure"] == f"--autopilot {autopilot.address},921600"
-    assert said["pose"]["state"] == "ok"
-    assert said["frames"]["state"] == "ok"
+    assert said["baud"] == {
+        "check": "baud",
+        "state": "fail",
+        "found": "921600 brings packets, 38400 does not",
+        "cure": f"--autopilot {autopilot.address},921600",
+    }
+    assert (said["pose"]["state"], said["frames"]["state"]) == ("ok", "ok")
     assert f"--autopilot {autopilot.address},921600" in said["verdict"]["cure"]
 
 
