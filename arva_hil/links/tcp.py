@@ -103,11 +103,11 @@ def listen_error(name: str, error: OSError, port: int, protocol: Literal["tcp", 
                 return LinkError(name, "this program listens at that port already", "give each link its own")
             return LinkError(name, f"{what}, held by {', '.join(who)}", hint)
         return LinkError(name, what, f"{hint}; to see who: ss -l{protocol[0]}np 'sport = :{port}'")
-    if error.errno == errno.EADDRNOTAVAIL:
-        return LinkError(name, "is not an address of this machine", "0.0.0.0 means all of them")
-    if error.errno == errno.EACCES:
-        return LinkError(name, "permission denied", "take a port above 1023")
-    return LinkError(name, f"cannot listen: {error.strerror or error}")
+    known = {
+        errno.EADDRNOTAVAIL: ("is not an address of this machine", "0.0.0.0 means all of them"),
+        errno.EACCES: ("permission denied", "take a port above 1023"),
+    }
+    return LinkError(name, *known.get(error.errno or 0, (f"cannot listen: {error.strerror or error}", "")))
 
 
 def _unknown_host(name: str, host: str, error: Exception) -> LinkError:

@@ -45,15 +45,14 @@ class Address(NamedTuple):
     def __str__(self) -> str:
         if self.kind in _USUAL_PORT:
             return f"{self.kind}:{show(self.host, self.port)}"
-        if self.kind == "serial":
-            return self.path + (f",{self.baud}" if self.baud else "")
-        if self.kind == "pty":
-            return f"pty:{self.path}" if self.path else "pty"
-        if self.kind == "tlog" and not self.path.lower().endswith(_LOG):
-            return f"file:{self.path}"
-        if self.kind not in _KINDS:
-            return f"{self.kind}:{self.path}"
-        return "-" if self.kind == "stdout" else self.path
+        forms = {
+            "serial": self.path + (f",{self.baud}" if self.baud else ""),
+            "pyserial": self.path,
+            "pty": f"pty:{self.path}" if self.path else "pty",
+            "tlog": self.path if self.path.lower().endswith(_LOG) else f"file:{self.path}",
+            "stdout": "-",
+        }
+        return forms.get(self.kind, f"{self.kind}:{self.path}")
 
 
 def show(host: str, port: int) -> str:

@@ -105,14 +105,6 @@ def _gps_raw_int(r: VehicleReport) -> Message:
     return dialect.MAVLink_gps_raw_int_message(r.boot_ms * 1000, *fixed, 100, 150, round(speed * 100), course, 10)
 
 
-def _attitude(r: VehicleReport) -> Message:
-    return _of_attitude(r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates)
-
-
-def _attitude_quaternion(r: VehicleReport) -> Message:
-    return dialect.MAVLink_attitude_quaternion_message(r.boot_ms, *r.motion.quaternion, *r.motion.rates)
-
-
 def _local_position_ned(r: VehicleReport) -> Message | None:
     if not r.pilot.ready:
         return None
@@ -171,11 +163,6 @@ def _vfr_hud(r: VehicleReport) -> Message:
     return dialect.MAVLink_vfr_hud_message(speed, speed, heading, throttle, r.home.alt_m - r.motion.position[2], -down)
 
 
-def _rc_channels(r: VehicleReport) -> Message:
-    unused = [0xFFFF] * 14
-    return _of_channels(r.boot_ms, 4, *r.pilot.sticks, *unused, 255)
-
-
 def _autopilot_version(r: VehicleReport) -> Message:
     can = dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     can |= dialect.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -219,8 +206,12 @@ BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw_int,
-    dialect.MAVLINK_MSG_ID_ATTITUDE: _attitude,
-    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: lambda r: _of_attitude(
+        r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates
+    ),
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: lambda r: dialect.MAVLink_attitude_quaternion_message(
+        r.boot_ms, *r.motion.quaternion, *r.motion.rates
+    ),
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
     dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
@@ -230,6 +221,8 @@ BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
     dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
-    dialect.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: lambda r: _of_channels(
+        r.boot_ms, 4, *r.pilot.sticks, *[0xFFFF] * 14, 255
+    ),  # 14 channels are not used
     dialect.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
 }
