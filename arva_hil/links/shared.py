@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection
-from typing import Any, Final
+from typing import Final
 
-from arva_hil.links.base import Link, Sender
+from arva_hil.links.base import Link, Sender, SeveralSenders
 
 _MOST: Final = 1 << 18  # bytes that wait for a user; one that takes none loses them
 
@@ -33,7 +33,7 @@ class SharedLink:
             user.note()
 
 
-class LinkUser(Link):
+class LinkUser(SeveralSenders):
     """One user's view of the link. Writes go to every sender on the link: the packets in them have addresses.
 
     After `pin` only the peer that was followed then is read.
@@ -43,13 +43,11 @@ class LinkUser(Link):
         self._shared = shared
         self._waiting = deque[tuple[Sender, bytes]]()
         self._size = 0
-        self._peer: Any = None
-        self._pinned = False
         self.note()
 
     def put(self, sender: Sender, data: bytes) -> None:
         """Add bytes that came on the link."""
-        if self._pinned and sender != self._peer:
+        if self._pinned and sender != self.peer:
             return
         if self._size + len(data) > _MOST:
             self._waiting.clear()
@@ -69,18 +67,12 @@ class LinkUser(Link):
         self._waiting.clear()
         return came
 
-    def read(self) -> bytes:
-        return b"".join(data for _, data in self.receive())
-
     def write(self, data: bytes) -> bool:
         return self._shared.link.write(data)
 
     def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:
         if not self._pinned:
-            self._peer = peer
-
-    def pin(self) -> None:
-        self._pinned = True
+            self.peer = peer
 
     def ready(self) -> bool:
         return bool(self._waiting) or self._shared.link.ready()

@@ -48,9 +48,8 @@ class Faults:
         self._on = [switch for switch in self._switches if switch.turn(time_us)]
         self._number = number
         self.met = ()
-        for switch in self._on:
-            if switch.stage == "heard":
-                self._meet(switch)
+        for switch in self._of_stage("heard"):
+            self._meet(switch)
 
     def send(self, frame: Frame, t: float, boot_ms: int, encode: Callable[[Frame, int], bytes]) -> tuple[Frame, int]:
         """Put a frame into the outbox. Returns the frame after faults, and the number of its copies.

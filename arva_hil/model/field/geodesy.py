@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from arva_hil.model.field.arrays import Array, floats, vector
+from arva_hil.model.field.arrays import Array, floats, require, vector
 
 _A = 6378137.0  # semi-major axis
 _F = 1 / 298.257223563  # flattening
@@ -59,9 +59,10 @@ class LocalFrame:
 
     def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         lat_deg, lon_deg = float(vector("lat_deg", lat_deg)), float(vector("lon_deg", lon_deg))
-        for name, value, limit in (("lat_deg", lat_deg, 90), ("lon_deg", lon_deg, 180)):
-            if not -limit <= value <= limit:
-                raise ValueError(f"{name}: {value:g} is out of range ({-limit}…{limit})")
+        require(
+            (-90 <= lat_deg <= 90, f"lat_deg: {lat_deg:g} is out of range (-90…90)"),
+            (-180 <= lon_deg <= 180, f"lon_deg: {lon_deg:g} is out of range (-180…180)"),
+        )
         self._origin = to_ecef(lat_deg, lon_deg, vector("alt_m", alt_m))
         lat, lon = np.radians(lat_deg), np.radians(lon_deg)
         sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
