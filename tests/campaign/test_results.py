@@ -44,6 +44,12 @@ def kept(folder: Path) -> list[TrialRow]:
         return list(results.rows.values())
 
 
+def refused(folder: Path, why: str) -> None:
+    """The results in a folder cannot be opened; `why` is said."""
+    with pytest.raises(ResultsError, match=why), opened(folder):
+        pass
+
+
 def killed_at(size: int, folder: Path) -> int:
     """A process of its own writes MANY rows, and the kernel kills it in the write that makes a file longer than `size`:
     how many rows it was told that it has."""
@@ -194,11 +200,7 @@ def test_a_success_is_found_and_near(outcome: str, error: float, success: bool) 
 @pytest.mark.parametrize("name", [TABLE, REPORT])
 def test_a_folder_of_an_older_version_or_of_somebody_else_is_left_as_it_is(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("mine\n")
-    with (
-        pytest.raises(ResultsError, match=f"{name}: not from a campaign, or of an older arva-hil .*another"),
-        opened(tmp_path),
-    ):
-        pass
+    refused(tmp_path, f"{name}: not from a campaign, or of an older arva-hil .*another")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "mine\n")]
 
 
@@ -220,8 +222,7 @@ def test_a_database_of_somebody_else_or_of_a_newer_version_is_left_as_it_is(
     with closing(sqlite3.connect(tmp_path / NAME)) as other:
         other.execute(statement)
     before = (tmp_path / NAME).read_bytes()
-    with pytest.raises(ResultsError, match=f"{NAME}: {why}"), opened(tmp_path):
-        pass
+    refused(tmp_path, f"{NAME}: {why}")
     assert (tmp_path / NAME).read_bytes() == before
     assert not (tmp_path / JOURNAL).exists()
 
@@ -233,11 +234,7 @@ def test_a_database_of_somebody_else_or_of_a_newer_version_is_left_as_it_is(
 )
 def test_a_damaged_database_is_said_and_left_as_it_is(tmp_path: Path, data: bytes) -> None:
     (tmp_path / NAME).write_bytes(data)
-    with (
-        pytest.raises(ResultsError, match=rf"{NAME}: damaged, or not from a campaign \(.+\): it is left"),
-        opened(tmp_path),
-    ):
-        pass
+    refused(tmp_path, rf"{NAME}: damaged, or not from a campaign \(.+\): it is left")
     assert (tmp_path / NAME).read_bytes() == data
 
 
@@ -255,13 +252,11 @@ def test_whatever_byte_is_wrong_there_are_rows_or_a_clear_error(at: int, flip: i
 
 def test_two_campaigns_do_not_write_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_WAIT_S", 0.0)
-    taken = pytest.raises(ResultsError, match=f"{NAME}: another campaign or another program is at work there")
+    taken = f"{NAME}: another campaign or another program is at work there"
     with opened(tmp_path) as first:
-        with taken, opened(tmp_path):
-            pass
+        refused(tmp_path, taken)
         first.add(ROWS[0])  # the second one took nothing from it
-        with taken, opened(tmp_path):
-            pass
+        refused(tmp_path, taken)
     assert kept(tmp_path) == ROWS[:1]  # the lock goes with who had it
 
 
@@ -272,8 +267,7 @@ def test_a_program_that_reads_keeps_a_campaign_waiting_not_for_ever(
     written(tmp_path, ROWS)
     with closing(sqlite3.connect(tmp_path / NAME)) as other, closing(other.execute("SELECT * FROM results")) as cursor:
         assert cursor.fetchone()
-        with pytest.raises(ResultsError, match="another program is at work there"), opened(tmp_path):
-            pass
+        refused(tmp_path, "another program is at work there")
     assert kept(tmp_path) == ROWS
 
 
@@ -285,26 +279,23 @@ def test_results_that_may_not_be_written_are_said_and_kept(
         written(folder, ROWS)
         folder.chmod(0o755)
         (folder / NAME).chmod(0o444)
-        with ordinary(), pytest.raises(ResultsError, match=r"cannot be opened: .*readonly"), opened(folder):
-            pass
+        with ordinary():
+            refused(folder, r"cannot be opened: .*readonly")
         (folder / NAME).chmod(0)
-        with ordinary(), pytest.raises(ResultsError, match=f"{NAME}: cannot be opened: "), opened(folder):
-            pass
-        with ordinary(), pytest.raises(ResultsError, match="below: Permission denied"), opened(folder / "below"):
-            pass
+        with ordinary():
+            refused(folder, f"{NAME}: cannot be opened: ")
+            refused(folder / "below", "below: Permission denied")
         assert kept(folder) == ROWS
 
 
 def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(ResultsError, match=rf"{folder}: (File exists|Not a directory)"), opened(folder):
-            pass
+        refused(folder, rf"{folder}: (File exists|Not a directory)")
     for name in (NAME, TABLE, REPORT):
         folder = tmp_path / f"with {name}"
         (folder / name).mkdir(parents=True)
-        with pytest.raises(ResultsError, match=rf"{folder / name}: is not a regular file"), opened(folder):
-            pass
+        refused(folder, rf"{folder / name}: is not a regular file")
 
 
 @pytest.mark.parametrize("name", [NAME, JOURNAL, TABLE, REPORT])
@@ -314,11 +305,7 @@ def test_nothing_is_written_through_a_symlink(tmp_path: Path, name: str) -> None
     target.touch()
     (folder / name).unlink(missing_ok=True)
     (folder / name).symlink_to(target)
-    with (
-        pytest.raises(ResultsError, match=str(folder / NAME.removesuffix(".sqlite")) + f"|{folder / name}"),
-        opened(folder),
-    ):
-        pass
+    refused(folder, str(folder / NAME.removesuffix(".sqlite")) + f"|{folder / name}")
     assert target.read_bytes() == b""
     assert (folder / name).is_symlink()
 
@@ -335,8 +322,8 @@ def test_a_full_disk_is_said_and_what_was_committed_stays(tmp_path: Path) -> Non
 
 
 def test_a_disk_that_is_full_from_the_start_is_said(tmp_path: Path) -> None:
-    with no_file_beyond(100), pytest.raises(ResultsError, match=rf"{NAME}: cannot be opened: "), opened(tmp_path):
-        pass
+    with no_file_beyond(100):
+        refused(tmp_path, f"{NAME}: cannot be opened: ")
     written(tmp_path, ROWS[:1])
 
 
@@ -366,7 +353,6 @@ def test_the_summary_says_how_often_places_are_inside_their_uncertainty_and_how_
     found = [(0.5, 1.0), (1.5, 1.0), (2.5, 2.0), (3.5, 1.0)]
     rows = [replace(ROWS[0], outcome="found", error_m=error, sigma_m=sigma) for error, sigma in found]
     some = summary([*rows, replace(ROWS[0], outcome="not sure", error_m=50.0, sigma_m=1.0)], 2.0)
-    assert some.inside == (0.25, 0.75)
-    assert some.false == (2, 1)
+    assert (some.inside, some.false) == ((0.25, 0.75), (2, 1))
     assert some.sigma_m == (1.0, pytest.approx(1.7))
     assert summary([replace(rows[0], sigma_m=None)], 2.0).inside is None

@@ -19,7 +19,7 @@ from arva_hil.campaign import runner
 from arva_hil.campaign.plan import Planned, trials
 from arva_hil.campaign.range_test.data_sheet import as_dict, lines, measured, table
 from arva_hil.campaign.range_test.walk import COUPLINGS, RangePlan, alone, detection, signals, strip_width, walked
-from arva_hil.campaign.results import row
+from arva_hil.campaign.results import TrialRow, row
 from arva_hil.campaign.runner import Fly, MissingExtra, Unreachable, WorkerPool, cluster, processes
 from arva_hil.campaign.trial import Result, fly
 from arva_hil.clock import StepClock
@@ -128,8 +128,7 @@ def test_a_large_plan_goes_to_a_cluster_in_shards(scheduler: str, monkeypatch: p
     assert max(map(len, shards)) == crew.shard
     assert sorted(one.key for some in shards for one, _ in some) == sorted(EXPECTED)
     kept = {one.key: result for some in shards for one, result in some if not result.outcome.startswith("failed")}
-    assert kept == {key: EXPECTED[key] for key in kept}
-    assert len(kept) == len(EVERY) // 2
+    assert (kept, len(kept)) == ({key: EXPECTED[key] for key in kept}, len(EVERY) // 2)
 
 
 def test_of_what_was_flown_the_scheduler_keeps_little(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,16 +174,25 @@ def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) 
 # -- a trial, flown --------------------------------------------------------------------------------------------
 
 
-PLAN = "strategies: estimate\nscenarios: moving.yaml\nnoise: off\nlimit_s: 300\n"
+PLAN = "strategies: estimate\nscenarios: one.yaml\nnoise: off\nlimit_s: 300\n"
+
+
+def trial_of(folder: Path, scenario: str, plan: str = PLAN) -> Planned:
+    """The only trial of a plan whose scenario has this text."""
+    (folder / "one.yaml").write_text(scenario)
+    (one,) = trials(parse_plan(plan, str(folder / "plan.yaml")))
+    return one
+
+
+def row_of(folder: Path, scenario: str, plan: str = PLAN) -> TrialRow:
+    planned = trial_of(folder, scenario, plan)
+    return row(planned, fly(planned.trial))
 
 
 def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path) -> None:
     """It has stopped 8 m from where it was at first before anybody is near."""
-    (tmp_path / "moving.yaml").write_text(
-        "spec: 2\ntransmitters: [{id: 1, path: {frame: ned, points: [[0, 12, 0, 0], [10, 20, 0, 0]]}}]\n"
-    )
-    (planned,) = trials(parse_plan(PLAN, str(tmp_path / "plan.yaml")))
-    one = row(planned, fly(planned.trial))
+    path = "{frame: ned, points: [[0, 12, 0, 0], [10, 20, 0, 0]]}"
+    one = row_of(tmp_path, f"spec: 2\ntransmitters: [{{id: 1, path: {path}}}]\n")
     assert (one.outcome, one.distance_m) == ("found", 12.0)
     assert one.error_m == pytest.approx(0, abs=0.5)
     assert one.hover_m == pytest.approx(0, abs=1.0)
@@ -193,9 +201,7 @@ def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path)
 
 def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the_vehicle(tmp_path: Path) -> None:
     text = "spec: 2\nnavigation_error: {bias_ned: [3, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 1]}]\n"
-    (tmp_path / "moving.yaml").write_text(text)
-    (planned,) = trials(parse_plan(PLAN, str(tmp_path / "plan.yaml")))
-    one = row(planned, fly(planned.trial))
+    one = row_of(tmp_path, text)
     assert (one.outcome, one.error_m) == ("found", pytest.approx(3, abs=0.3))
     assert one.relative_m == pytest.approx(0, abs=0.2)
     assert one.hover_m == pytest.approx(0, abs=1.0)
@@ -203,21 +209,17 @@ def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the
 
 def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> None:
     """There is one a second, on the second: five steps a second, and none of them hears it later."""
-    (tmp_path / "near.yaml").write_text("transmitters: [{id: 1, ned: [12, 9, 0]}]\n")
-    plan = PLAN.replace("moving", "near")
-    (planned,) = trials(parse_plan(plan, str(tmp_path / "plan.yaml")))
     steps: list[SearchStep] = []
-    fly(planned.trial, steps.append)
+    fly(trial_of(tmp_path, "transmitters: [{id: 1, ned: [12, 9, 0]}]\n").trial, steps.append)
     heard = [step.time_s for step in steps if step.phase == "flying" and step.d_cm is not None]
     assert len(heard) > 5
     assert heard == pytest.approx([round(at) for at in heard], abs=1e-6)
 
 
 def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_last(tmp_path: Path) -> None:
-    (tmp_path / "two.yaml").write_text("spec: 2\ntransmitters: [{id: 1, ned: [8, -6, 0]}, {id: 2, ned: [-6, 9, 0]}]\n")
-    plan = "strategies: flux\nscenarios: two.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-12, -12, 12, 12]\n"
-    (planned,) = trials(parse_plan(plan, str(tmp_path / "plan.yaml")))
-    one = row(planned, fly(planned.trial))
+    two = "spec: 2\ntransmitters: [{id: 1, ned: [8, -6, 0]}, {id: 2, ned: [-6, 9, 0]}]\n"
+    plan = "strategies: flux\nscenarios: one.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-12, -12, 12, 12]\n"
+    one = row_of(tmp_path, two, plan)
     assert (one.outcome, one.drones, one.hover_m) == ("found", 2, None)
     assert one.error_m == pytest.approx(0, abs=1.0)
     assert one.path_m > one.time_s  # of both

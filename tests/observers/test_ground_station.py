@@ -93,8 +93,7 @@ def test_all_is_told_once_a_second_and_what_is_found_at_once() -> None:
 
 
 def test_nothing_is_told_while_the_vehicle_is_not_known_and_of_no_emulator() -> None:
-    assert told(TAKE_OFF, FOUND, system=None) == []
-    assert told(StatusReport(0.0, [])) == []
+    assert (told(TAKE_OFF, FOUND, system=None), told(StatusReport(0.0, []))) == ([], [])
 
 
 def test_frames_without_ids_have_a_place_too() -> None:

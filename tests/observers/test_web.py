@@ -23,6 +23,7 @@ from arva_hil.cli.main import main
 from arva_hil.clock import StepClock, Waitable
 from arva_hil.events import (
     DatumSet,
+    Event,
     FrameMade,
     LinkBack,
     LinkLost,
@@ -88,14 +89,19 @@ def transmitters(*places: tuple[float, float, float], roll: float = 0.0, pitch: 
     return Transmitters(tuple(range(1, n + 1)), np.array(places).reshape(n, 3), np.array([turned] * n), np.ones(n))
 
 
+def state_of(events: list[Event], kind: str = "run", title: str = "", **options: Any) -> State:
+    state = State(kind, title, **options)
+    state.update(events)
+    return state
+
+
 def shown(state: State, since: int = 0) -> dict[str, Any]:
     document: dict[str, Any] = json.loads(state.document(since), parse_constant=lambda name: pytest.fail(name))
     return document
 
 
 def test_a_reading_is_shown_with_its_place_and_its_true_range() -> None:
-    state = State("run", "victim.yaml")
-    state.update([made(3, 10.0)])
+    state = state_of([made(3, 10.0)], "run", "victim.yaml")
     document = shown(state)
     assert (document["kind"], document["title"], document["known"]) == ("run", "victim.yaml", True)
     (receiver,) = document["receivers"]
@@ -105,8 +111,7 @@ def test_a_reading_is_shown_with_its_place_and_its_true_range() -> None:
 
 
 def test_asked_again_it_tells_what_is_new() -> None:
-    state = State("run", "")
-    state.update([made(0), made(1)])
+    state = state_of([made(0), made(1)])
     first = shown(state)
     assert first["full"]
     state.update([made(2), AutopilotText(2.0, "vehicle", "low battery")])
@@ -120,8 +125,7 @@ def test_asked_again_it_tells_what_is_new() -> None:
 
 
 def test_clients_that_ask_the_same_share_one_answer() -> None:
-    state = State("run", "")
-    state.update([made(0)])
+    state = state_of([made(0)])
     assert state.document(1) is state.document(1)
     state.update([])
     assert state.document(1) is state.document(1)
@@ -138,8 +142,9 @@ def test_without_anything_there_is_a_whole_document() -> None:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_pose_that_is_no_number_is_null(value: float) -> None:
-    state = State("run", "")
-    state.update([made(0, value), made(1, pose=False), status(1.0, transmitters((value, 0.0, 0.0), (1.0, 2.0, 3.0)))])
+    state = state_of(
+        [made(0, value), made(1, pose=False), status(1.0, transmitters((value, 0.0, 0.0), (1.0, 2.0, 3.0)))]
+    )
     state.draw_field()
     document = shown(state)
     assert [point[1] for point in document["receivers"][0]["points"]] == [None, None]
@@ -193,8 +198,11 @@ def test_what_comes_from_outside_is_escaped() -> None:
 
 
 def test_streams_counters_and_links_are_shown() -> None:
-    state = State("run", "", asked_hz={"ATTITUDE": 50.0}, links={"port": "/dev/ttyUSB0"})
-    state.update([status(), LinkLost(2.0, "port", "/dev/ttyUSB0", "unplugged"), VehicleLost(2.0, "vehicle", "q", 3.0)])
+    state = state_of(
+        [status(), LinkLost(2.0, "port", "/dev/ttyUSB0", "unplugged"), VehicleLost(2.0, "vehicle", "q", 3.0)],
+        asked_hz={"ATTITUDE": 50.0},
+        links={"port": "/dev/ttyUSB0"},
+    )
     (vehicle,) = shown(state)["vehicles"]
     assert vehicle["streams"] == [
         {"name": "ATTITUDE", "hz": 49.6, "asked_hz": 50.0},
@@ -230,16 +238,14 @@ def test_the_vehicle_s_own_state_is_shown_with_the_cure() -> None:
     said = checks(state)
     assert said["mode"] == ["good", "GUIDED, armed", ""]
     assert said["battery"] == ["bad", "12 %, 15.1 V", "land, and change the battery"]
-    assert said["GPS"][:2] == ["bad", "no fix, 3 satellites"]
-    assert said["EKF"][:2] == ["bad", "no position"]
+    assert (said["GPS"][:2], said["EKF"][:2]) == (["bad", "no fix, 3 satellites"], ["bad", "no position"])
     assert said["link"] == ["good", "0.0 s ago", ""]
     assert all(cure for level, _, cure in said.values() if level != "good")
     well = dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 0, 0, 0, 0, 14)
     knows = dialect.MAVLink_ekf_status_report_message(dialect.EKF_POS_HORIZ_ABS, 0.1, 0.1, 0.1, 0.1, 0.1)
     state.update([packets(6.0, well, knows), status(12.5)])
     said = checks(state)
-    assert said["GPS"] == ["good", "3D fix, 14 satellites", ""]
-    assert said["EKF"] == ["good", "position known", ""]
+    assert (said["GPS"], said["EKF"]) == (["good", "3D fix, 14 satellites", ""], ["good", "position known", ""])
     assert said["link"][:2] == ["bad", "6.5 s ago"]
     turned = dialect.MAVLink_estimator_status_message(0, dialect.ESTIMATOR_POS_HORIZ_ABS, 0, 0, 0, 1.3, 0, 0, 0, 0)
     state.health.forget()
@@ -248,8 +254,7 @@ def test_the_vehicle_s_own_state_is_shown_with_the_cure() -> None:
 
 
 def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_shown_once() -> None:
-    state = State("run", "", named=True)
-    state.update([DatumSet(0.0, "vehicle", *HOME, ()), DatumSet(0.0, "other", 46.0, 7.0, 1640.0, ())])
+    state = state_of([DatumSet(0.0, "vehicle", *HOME, ()), DatumSet(0.0, "other", 46.0, 7.0, 1640.0, ())], named=True)
     here, there = transmitters((20.0, 5.0, 0.0)), transmitters((20.0, 5.0, -10.0))
     state.update([status(1.0, here), status(1.0, there, "other")])
     (one,) = shown(state)["transmitters"]
@@ -261,8 +266,7 @@ def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_show
 
 
 def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() -> None:
-    state = State("demo", "")
-    state.update([DatumSet(0.0, "vehicle", *HOME, ())])
+    state = state_of([DatumSet(0.0, "vehicle", *HOME, ())], "demo", "")
     north = 46.0 + 1 / 111.15e3
     events = [
         TakeOffPoint(1.0, north, 7.0, 1650.0),
@@ -304,8 +308,9 @@ def test_a_victim_has_its_time_from_the_start_of_the_search_and_loses_its_mark()
 
 
 def test_a_place_has_a_qr_code_once_the_search_is_over() -> None:
-    state = State("search", "estimate", known=False)
-    state.update([TakeOffPoint(1.0, *HOME), PlaceFound(3.0, 7, 5.0, 1.0, None, True)])
+    state = state_of(
+        [TakeOffPoint(1.0, *HOME), PlaceFound(3.0, 7, 5.0, 1.0, None, True)], "search", "estimate", known=False
+    )
     assert shown(state)["search"]["victims"][0]["qr"] is None
     state.end("stopped")
     assert shown(state)["search"]["victims"][0]["qr"].startswith("data:image/svg+xml")
@@ -316,8 +321,7 @@ def heartbeat(mode: int) -> Any:
 
 
 def test_two_vehicles_with_one_id_on_two_links_have_a_health_each() -> None:
-    state = State("run", "")
-    state.update([packets(1.0, heartbeat(mode), link=name) for name, mode in (("a", 4), ("b", 9))])
+    state = state_of([packets(1.0, heartbeat(mode), link=name) for name, mode in (("a", 4), ("b", 9))])
     every = [VehicleStatus(name, "quadrotor 1/1", {}, [], (), (name, 1)) for name in ("a", "b")]
     state.update([StatusReport(1.0, every)])
     modes = [vehicle["checks"][0][2] for vehicle in shown(state)["vehicles"]]
@@ -325,8 +329,7 @@ def test_two_vehicles_with_one_id_on_two_links_have_a_health_each() -> None:
 
 
 def test_the_vehicle_of_a_search_has_its_health() -> None:
-    state = State("search", "estimate", known=False)
-    state.update([VehicleFound(1.0, "vehicle", "quadrotor 1/1", 2, False)])
+    state = state_of([VehicleFound(1.0, "vehicle", "quadrotor 1/1", 2, False)], "search", "estimate", known=False)
     state.update([packets(1.0, heartbeat(4), link="vehicle"), FrameHeard(6.0, Frame(1, 1, ()), None, None)])
     checks = {name: (level, value) for level, name, value, _ in shown(state)["vehicles"][0]["checks"]}
     assert checks == {"mode": ("good", "GUIDED, disarmed"), "link": ("bad", "5.0 s ago")}
@@ -350,8 +353,9 @@ def test_a_search_alone_shows_the_frames_that_it_hears() -> None:
 
 
 def test_a_transmitter_that_is_left_to_another_search_is_no_target_any_more() -> None:
-    state = State("search", "estimate, 2 vehicles", known=False)
-    state.update([FromSearch(2.0, TransmitterChosen(2.0, 7, 10.0), "a")])
+    state = state_of(
+        [FromSearch(2.0, TransmitterChosen(2.0, 7, 10.0), "a")], "search", "estimate, 2 vehicles", known=False
+    )
     state.update([FromSearch(3.0, TransmitterLeft(3.0, 7), "a")])
     (one,) = shown(state)["team"]
     assert (one["phase"], one["target"]) == ("searching", None)
@@ -479,16 +483,14 @@ def test_at_every_time_a_vehicle_has_its_health_of_then(flown: Path) -> None:
     state = RecordedState(load(flown))
     for time_s, mode in ((12.0, "GUIDED, armed"), (1e9, "LAND, armed"), (12.0, "GUIDED, armed")):
         checks = {name: value for _, name, value, _ in shown_at(state, time_s)["vehicles"][0]["checks"]}
-        assert checks["mode"] == mode
-        assert checks["GPS"] == "3D fix, 10 satellites"
+        assert (checks["mode"], checks["GPS"]) == (mode, "3D fix, 10 satellites")
         assert float(checks["link"].split()[0]) <= 1.0
 
 
 def test_a_log_that_cannot_be_read_leaves_out_the_health_alone(record: Path) -> None:
     (record / "autopilot.tlog").mkdir()
     document = shown_at(RecordedState(load(record)), 12.0)
-    assert document["vehicles"][0]["checks"] == []
-    assert len(document["receivers"][0]["points"]) == 13
+    assert (document["vehicles"][0]["checks"], len(document["receivers"][0]["points"])) == ([], 13)
 
 
 def test_before_and_after_the_record_are_its_ends(flown: Path) -> None:
@@ -722,8 +724,7 @@ def test_head_has_the_headers_of_get_and_no_body(server: Server) -> None:
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "PATCH", "TRACE", "CONNECT", "BREW"])
 def test_another_method_is_not_allowed(server: Server, method: str) -> None:
     answer, _ = ask(server, "/state.json", method)
-    assert answer.status == 405
-    assert answer.getheader("Allow") == "GET, HEAD"
+    assert (answer.status, answer.getheader("Allow")) == (405, "GET, HEAD")
 
 
 @pytest.mark.parametrize(
@@ -926,8 +927,7 @@ def test_requests_that_come_together_are_answered_one_after_another(server: Serv
     ],
 )
 def test_addresses(text: str, address: HostPort) -> None:
-    assert parse_address(text) == address
-    assert parse_address(str(address)) == address
+    assert (parse_address(text), parse_address(str(address))) == (address, address)
 
 
 @pytest.mark.parametrize(

@@ -222,8 +222,7 @@ def test_a_receiver_that_restarts_is_said_and_counted() -> None:
     log.advance(20.0, final=True)
     restarts = [event for event in log.events() if isinstance(event, ReceiverRestarted)]
     assert [(one.before, one.after) for one in restarts] == [(139, 0)]
-    assert log.counts()["restarts"] == 1
-    assert log.counts()["lost"] == 0
+    assert (log.counts()["restarts"], log.counts()["lost"]) == (1, 0)
 
 
 def test_frames_without_poses_are_kept_and_counted() -> None:

@@ -297,8 +297,7 @@ def test_every_row_is_there_to_the_last_digit(tmp_path: Path, count: int) -> Non
     assert ",".join(header) == COLUMNS
     for line, one in zip(lines, rows, strict=True):
         assert [value == "" for value in line] == [value is None for value in one]
-        assert float(line[2]) == one.north_m
-        assert float(line[3]) == one.east_m
+        assert (float(line[2]), float(line[3])) == (one.north_m, one.east_m)
     assert json.loads((tmp_path / "deep" / "er" / "search.json").read_text()) == {"outcome": "found"}
 
 
@@ -412,8 +411,7 @@ def test_numpy_and_pandas_load_it_as_numbers(tmp_path: Path) -> None:
     table = np.genfromtxt(tmp_path / "frames.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert table["d1_cm"].tolist() == [-1] + [1046] * 19
     assert np.isnan(table["north_m"][0])
-    assert table["range1_m"][1:].tolist() == [10.25] * 19
-    assert table["time_s"][-1] == 1.9
+    assert (table["range1_m"][1:].tolist(), table["time_s"][-1]) == ([10.25] * 19, 1.9)
     pandas = pytest.importorskip("pandas", reason="pandas is not installed; numpy has loaded the file")
     frame = pandas.read_csv(tmp_path / "frames.csv", parse_dates=["utc"])
     assert frame["utc"][0].to_pydatetime() == datetime(2027, 1, 1, 0, 0, 2, tzinfo=UTC)

@@ -49,8 +49,7 @@ def read(folder: Path) -> Recording:
 def test_every_reading_is_read_back_to_the_last_digit(read: Recording) -> None:
     (receiver,) = read.receivers
     every = frames(DEFAULT, 30)
-    assert len(receiver) == 30
-    assert receiver.begins.tolist() == list(range(0, 121, 4))
+    assert (len(receiver), receiver.begins.tolist()) == (30, list(range(0, 121, 4)))
     assert receiver.sequence.tolist() == list(range(30))
     assert receiver.time_s.tolist() == [made.instant_s for made in every]
     assert receiver.late_ms.tolist() == [made.late_s * 1e3 for made in every]
@@ -88,9 +87,7 @@ def test_what_was_read_of_one_transmitter(read: Recording) -> None:
 def test_a_record_says_what_was_run_where_and_when(read: Recording) -> None:
     assert read.run.scenario == DEFAULT
     assert (read.run.ended, read.run.seed) == ("finished", 1)
-    assert read.start_utc_s == 1_798_761_602.0
-    assert read.span_s == (0.0, 29.0)
-    assert read.notes == ()
+    assert (read.start_utc_s, read.span_s, read.notes) == (1_798_761_602.0, (0.0, 29.0), ())
     (receiver,) = read.receivers
     lla = read.lla(receiver.vehicle, receiver.time_s, receiver.position)
     assert np.isnan(lla[:SILENT]).all()
@@ -180,8 +177,7 @@ def test_several_receivers_each_have_their_own(tmp_path: Path) -> None:
 
 def test_a_run_that_was_killed_has_what_was_written_and_its_datum_by_the_events(tmp_path: Path) -> None:
     read = load(write(tmp_path / "flight", 30, ended=False))
-    assert read.run.ended == ""
-    assert len(read.receivers[0]) == 30
+    assert (read.run.ended, len(read.receivers[0])) == ("", 30)
     datum = read.datum_at("", 10.0)
     assert (datum.lat, datum.lon, datum.alt) == HOME
     assert read.search.found is None
@@ -207,8 +203,7 @@ def test_a_frame_has_the_slots_that_it_had(folder: Path) -> None:
     lines = (folder / "readings.csv").read_text().splitlines(keepends=True)
     (folder / "readings.csv").write_text("".join(lines[:14] + lines[17:]))
     (read,) = load(folder).receivers
-    assert read.begins.tolist()[:6] == [0, 4, 8, 12, 13, 17]
-    assert read.id[read.rows(3)].tolist() == [1]
+    assert (read.begins.tolist()[:6], read.id[read.rows(3)].tolist()) == ([0, 4, 8, 12, 13, 17], [1])
     assert read.nearest_zone.tolist()[:5] == [0, 0, 0, 1, 1]
     assert read.d_cm[read.rows(4)].tolist() == [c.d_cm for c in frames(DEFAULT, 5)[4].reading.channels]
 
@@ -226,8 +221,7 @@ def test_a_slot_that_is_blank_for_the_moment_hears_nothing(folder: Path) -> None
 def test_a_run_with_no_frame_or_one_is_a_record(tmp_path: Path, count: int) -> None:
     read = load(write(tmp_path / "flight", count, search=False))
     (receiver,) = read.receivers
-    assert len(receiver) == count
-    assert receiver.of_transmitter(1)[0].shape == (count,)
+    assert (len(receiver), receiver.of_transmitter(1)[0].shape) == (count, (count,))
     assert read.span_s == (0.0, 0.0)
 
 
