@@ -16,10 +16,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.campaign.trial import Trial
-from arva_hil.config import NoiseKind, Scenario, Transmitter, to_dict
+from arva_hil.config import KeyingOptions, NoiseKind, ReceiverOptions, Scenario, Transmitter, to_dict
 from arva_hil.config.campaign import CampaignPlan, Random
-from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.transmitter import KeyingOptions
 from arva_hil.model.field import rotation
 
 FORMAT: Final = 1  # of the results; a new one changes every key

@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from arva_hil.events import StatusReport
-from arva_hil.model.field import LocalFrame
-from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.field import LocalFrame, Transmitters
 from arva_hil.model.field_lines import MOST, field_lines
 from arva_hil.observers.web import jsons
 

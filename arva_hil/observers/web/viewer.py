@@ -26,10 +26,17 @@ from arva_hil.observers.web.health import CHECKS, Health
 from arva_hil.observers.web.search_view import PHASES, SearchView
 from arva_hil.observers.web.state import Key, State
 from arva_hil.observers.web.truth import Places
-from arva_hil.records.reading import RecordedReceiver, Recording
-from arva_hil.records.reading.lines import RecordingError, mapping, number, text
-from arva_hil.records.reading.recording import NO_ID, received
-from arva_hil.records.reading.streams import packets
+from arva_hil.records.reading import (
+    NO_ID,
+    RecordedReceiver,
+    Recording,
+    RecordingError,
+    mapping,
+    number,
+    packets,
+    received,
+    text,
+)
 
 _THINNED: Final = 3000  # readings that represent all
 _NEWEST: Final = 100  # before the chosen time, all kept

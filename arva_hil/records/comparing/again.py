@@ -20,8 +20,7 @@ from arva_hil.emulator.world import VehicleWorld
 from arva_hil.errors import ArvaError
 from arva_hil.events import FrameMade
 from arva_hil.model.field import rotation
-from arva_hil.records.reading import NO_ID, RecordedReceiver, Recording, RecordingError
-from arva_hil.records.reading.streams import logged
+from arva_hil.records.reading import NO_ID, RecordedReceiver, Recording, RecordingError, logged
 from arva_hil.records.writing.layout import TLOG
 from firmware_proto import Frame
 

@@ -12,9 +12,7 @@ from typing import Final
 import numpy as np
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.config import Scenario
-from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.transmitter import VehicleNoiseOptions
+from arva_hil.config import ReceiverOptions, Scenario, VehicleNoiseOptions
 from arva_hil.emulator.setup import one_vehicle
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.records.comparing.again import feed

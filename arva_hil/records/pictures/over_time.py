@@ -24,8 +24,7 @@ from arva_hil.records.pictures.style import (
     some,
     thinned,
 )
-from arva_hil.records.reading import RecordedReceiver, Recording
-from arva_hil.records.reading.streams import RecordedStream
+from arva_hil.records.reading import RecordedReceiver, RecordedStream, Recording
 from arva_hil.safe_text import one_line
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from arva_hil.records.pictures.flight_map import draw_map
 from arva_hil.records.pictures.over_time import draw_distance, draw_lateness, draw_streams, draw_timeline
 from arva_hil.records.pictures.style import SCREEN, Format, Print, figure, move_legend, saved, styled
-from arva_hil.records.reading import Recording
-from arva_hil.records.reading.streams import streams
+from arva_hil.records.reading import Recording, streams
 from arva_hil.safe_text import one_line
 
 if TYPE_CHECKING:

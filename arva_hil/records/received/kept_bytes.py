@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from arva_hil.records.reading.lines import Lines, RecordingError, refuse_no_file, table
-from arva_hil.records.reading.streams import logged
+from arva_hil.records.reading import Lines, RecordingError, logged, refuse_no_file, table
 from arva_hil.records.received.receiver_log import AUTOPILOT, RECEIVER, ReceiverLog
 from arva_hil.records.writing.layout import CHUNKS, FRAMES, TLOG
 from arva_hil.runtime.audience import Audience

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
 from arva_hil.events.words.text import in_metres
-from arva_hil.records.reading import RecordedPlace, RecordedReceiver, Recording
-from arva_hil.records.reading.lines import mapping, number, objects, text
-from arva_hil.records.reading.streams import streams
+from arva_hil.records.reading import RecordedPlace, RecordedReceiver, Recording, mapping, number, objects, streams, text
 from arva_hil.safe_text import one_line
 from arva_hil.search.strategies.strategy import sigma_of
 

@@ -8,8 +8,7 @@ from typing import Any, Final
 
 from arva_hil.events.words.text import in_metres
 from arva_hil.records.pictures.run import pictures
-from arva_hil.records.reading import Recording
-from arva_hil.records.reading.lines import mapping, text
+from arva_hil.records.reading import Recording, mapping, text
 from arva_hil.records.report.facts import errors_m, facts, found_of, merged
 from arva_hil.records.report.html import render
 from arva_hil.safe_text import one_line

@@ -14,24 +14,11 @@ from arva_hil.config import Lla, Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.setup import receivers_of
 from arva_hil.events import DatumSet, Event, FrameMade, ReceiverStatus, StatusReport, VehicleStatus
-from arva_hil.model.field import LocalFrame, MovingTransmitters, Transmitters
+from arva_hil.model.field import LocalFrame, MovingTransmitters, Transmitters, dipole_field
 from arva_hil.model.field.arrays import Array
-from arva_hil.model.field.dipole import dipole_field
-from arva_hil.model.receiver import Pose
-from arva_hil.model.receiver.reading import ChannelReading
+from arva_hil.model.receiver import ChannelReading, Pose
 from arva_hil.records.ros_messages import geometry
 from arva_hil.records.ros_messages import types as ros
-from arva_hil.records.ros_messages.types import (
-    DIAGNOSTICS,
-    MAP,
-    TF,
-    DiagnosticStatus,
-    KeyValue,
-    Publication,
-    header,
-    names_of,
-    stamp_of,
-)
 from arva_hil.safe_text import one_line
 
 _EMPTY: Final = -1  # the id of an empty slot
@@ -56,7 +43,7 @@ class RunMessages:
         self._scenario = scenario
         self._epoch_us = epoch_us
         of_scenario = receivers_of(scenario) if scenario else []
-        self._names = names_of(of_scenario if receivers is None else receivers)
+        self._names = ros.names_of(of_scenario if receivers is None else receivers)
         self._datums: dict[str, LocalFrame] = {}
         self._there: dict[str, MovingTransmitters] = {}
         self._shaped: dict[tuple[str, str], int] = {}  # time of the last drawing, ns
@@ -66,7 +53,7 @@ class RunMessages:
             for vehicle, _ in self._names:
                 self._place(vehicle, LocalFrame(fixed.lat, fixed.lon, fixed.alt))
 
-    def of_event(self, event: Event) -> list[Publication]:
+    def of_event(self, event: Event) -> list[ros.Publication]:
         """Return the messages of an event of a live run. Most events have none."""
         if isinstance(event, FrameMade):
             return self._of_frame(event)
@@ -87,56 +74,56 @@ class RunMessages:
         """The datum of the frame `map`: the one of the first vehicle with a datum."""
         return next(iter(self._datums.values()), None)
 
-    def _of_frame(self, made: FrameMade) -> list[Publication]:
-        key, stamp = (made.vehicle, made.receiver), stamp_of(self._epoch_us, made.time_s - made.late_s)
+    def _of_frame(self, made: FrameMade) -> list[ros.Publication]:
+        key, stamp = (made.vehicle, made.receiver), ros.stamp_of(self._epoch_us, made.time_s - made.late_s)
         if (names := self._names.get(key)) is None:
             return []
         moving, datum = self._there.get(made.vehicle), self._datums.get(made.vehicle)
         there = moving.at(made.instant_s) if moving else None
         directions = _directions(made.pose, there)
-        own, world = header(stamp, names.frame), header(stamp, names.map)
+        own, world = ros.header(stamp, names.frame), ros.header(stamp, names.map)
         slots = [_slot(channel, directions) for channel in made.reading.channels]
-        told = [Publication(names.arva, stamp, ros.Arva(own, slots))]
+        told = [ros.Publication(names.arva, stamp, ros.Arva(own, slots))]
         transforms = []
         if made.pose is not None:
             pose = geometry.pose(made.pose.position, made.pose.rotation)
-            told.append(Publication(f"{names.arva}/pose", stamp, ros.PoseStamped(world, pose)))
+            told.append(ros.Publication(f"{names.arva}/pose", stamp, ros.PoseStamped(world, pose)))
             transforms.append(ros.TransformStamped(world, names.frame, geometry.transform(pose)))
             if datum:
                 lat, lon, alt = map(float, datum.lla(made.pose.position))
                 told.append(
-                    Publication(f"{names.arva}/fix", stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0))
+                    ros.Publication(f"{names.arva}/fix", stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0))
                 )
         if made.reported_pose is not None and made.reported_pose is not made.pose:
             reported = geometry.pose(made.reported_pose.position, made.reported_pose.rotation)
-            told.append(Publication(f"{names.arva}/reported_pose", stamp, ros.PoseStamped(world, reported)))
+            told.append(ros.Publication(f"{names.arva}/reported_pose", stamp, ros.PoseStamped(world, reported)))
         if abs(stamp - self._shaped.get(key, -(2**63))) >= _SHAPES_S * 1e9:
             self._shaped[key] = stamp
-            if names.map != MAP and self.world and datum:
+            if names.map != ros.MAP and self.world and datum:
                 there_is = geometry.between(self.world, datum)
-                transforms.append(ros.TransformStamped(header(stamp, MAP), names.map, there_is))
+                transforms.append(ros.TransformStamped(ros.header(stamp, ros.MAP), names.map, there_is))
             shapes = self._arrows_of(key, own, slots)
             for id_, place, rotation in _placed(there):
                 pose = geometry.pose(place, rotation)
                 shapes += geometry.transmitter(world, id_, pose)
                 transforms.append(ros.TransformStamped(world, f"{names.transmitter}{id_}", geometry.transform(pose)))
-            told.append(Publication(f"{names.arva}/visualization", stamp, ros.MarkerArray(shapes)))
+            told.append(ros.Publication(f"{names.arva}/visualization", stamp, ros.MarkerArray(shapes)))
         if transforms:
-            told.insert(0, Publication(TF, stamp, ros.TFMessage(transforms)))
+            told.insert(0, ros.Publication(ros.TF, stamp, ros.TFMessage(transforms)))
         return told
 
     @property
     def topics(self) -> dict[str, type[ros.Message]]:
         """All possible topics, with their message types."""
-        topics: dict[str, type[ros.Message]] = {TF: ros.TFMessage, DIAGNOSTICS: ros.DiagnosticArray}
+        topics: dict[str, type[ros.Message]] = {ros.TF: ros.TFMessage, ros.DIAGNOSTICS: ros.DiagnosticArray}
         for names in self._names.values():
             topics |= {names.arva: ros.Arva, f"{names.arva}/pose": ros.PoseStamped, f"{names.arva}/fix": ros.NavSatFix}
             topics[f"{names.arva}/reported_pose"] = ros.PoseStamped
             topics[f"{names.arva}/visualization"] = ros.MarkerArray
         return topics
 
-    def _of_status(self, report: StatusReport) -> list[Publication]:
-        stamp = stamp_of(self._epoch_us, report.time_s)
+    def _of_status(self, report: StatusReport) -> list[ros.Publication]:
+        stamp = ros.stamp_of(self._epoch_us, report.time_s)
         if stamp < self._next_status_ns:
             return []
         self._next_status_ns = stamp + round(_STATUS_S * 1e9)
@@ -144,7 +131,7 @@ class RunMessages:
         for vehicle in report.vehicles:
             status.append(_of_vehicle(vehicle))
             status += [_of_receiver(vehicle.name, receiver) for receiver in vehicle.receivers]
-        return [Publication(DIAGNOSTICS, stamp, ros.DiagnosticArray(header(stamp, ""), status))]
+        return [ros.Publication(ros.DIAGNOSTICS, stamp, ros.DiagnosticArray(ros.header(stamp, ""), status))]
 
     def _arrows_of(self, key: tuple[str, str], own: ros.Header, slots: Sequence[ros.ArvaData]) -> list[ros.Marker]:
         """Return an arrow for each slot with a direction. Other arrows are removed."""
@@ -182,14 +169,16 @@ _OK, _WARNING, _STALE = 0, 1, 3
 _PROGRAM: Final = "arva-hil"
 
 
-def _of_vehicle(vehicle: VehicleStatus) -> DiagnosticStatus:
+def _of_vehicle(vehicle: VehicleStatus) -> ros.DiagnosticStatus:
     level, message = (_OK, "received") if vehicle.label else (_WARNING, "no autopilot is received")
-    values = [KeyValue(f"{one_line(stream)} [Hz]", f"{rate:.1f}") for stream, rate in vehicle.rates.items()]
-    values += [KeyValue(one_line(name), str(count)) for name, count in vehicle.counters]
-    return DiagnosticStatus(level, one_line(f"{_PROGRAM}: {vehicle.name}"), message, one_line(vehicle.label), values)
+    values = [ros.KeyValue(f"{one_line(stream)} [Hz]", f"{rate:.1f}") for stream, rate in vehicle.rates.items()]
+    values += [ros.KeyValue(one_line(name), str(count)) for name, count in vehicle.counters]
+    return ros.DiagnosticStatus(
+        level, one_line(f"{_PROGRAM}: {vehicle.name}"), message, one_line(vehicle.label), values
+    )
 
 
-def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> DiagnosticStatus:
+def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> ros.DiagnosticStatus:
     last = receiver.last
     values = {"frames": str(receiver.frames), "dropped": str(receiver.dropped)}
     level, message = (_OK, "frames are sent") if receiver.frames else (_STALE, "no frame yet")
@@ -205,4 +194,4 @@ def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> DiagnosticStatus:
         if last.pose is None:
             level, message = _WARNING, "no pose"
     name = one_line(f"{_PROGRAM}: {vehicle}/{receiver.name}")
-    return DiagnosticStatus(level, name, message, "", [KeyValue(*value) for value in values.items()])
+    return ros.DiagnosticStatus(level, name, message, "", [ros.KeyValue(*value) for value in values.items()])

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from arva_hil.events import DatumSet, Event, FrameMade
 from arva_hil.events.searches import FrameHeard, PlaceFound, TakeOffPoint
 from arva_hil.model.field import rotation
-from arva_hil.model.receiver import Pose, Reading
-from arva_hil.model.receiver.reading import ChannelReading
+from arva_hil.model.receiver import ChannelReading, Pose, Reading
 from arva_hil.records.reading import NO_ID, RecordedReceiver, RecordedSearch, Recording
 from arva_hil.records.ros_messages.live import LiveMessages
 from arva_hil.records.ros_messages.types import Publication

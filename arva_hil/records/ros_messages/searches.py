@@ -16,7 +16,6 @@ from arva_hil.events.searches import BeliefChanged, FrameHeard, PlaceFound, Take
 from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.records.ros_messages import geometry
 from arva_hil.records.ros_messages import types as ros
-from arva_hil.records.ros_messages.types import MAP, TF, Publication, header, stamp_of
 from firmware_proto import MID, Channel
 
 TAKE_OFF: Final = "takeoff"
@@ -27,7 +26,7 @@ FIX: Final = "/search/fix"
 FOUND: Final = "/search/found"
 VISUALIZATION: Final = "/search/visualization"
 TOPICS: Final[Mapping[str, type[ros.Message]]] = {
-    TF: ros.TFMessage,
+    ros.TF: ros.TFMessage,
     ARVA: ros.Arva,
     POSE: ros.PoseStamped,
     FIX: ros.NavSatFix,
@@ -55,39 +54,39 @@ class SearchMessages:
         self._found: PlaceFound | None = None
         self._told_s = -math.inf
 
-    def of_event(self, event: Event, world: LocalFrame | None = None) -> list[Publication]:
+    def of_event(self, event: Event, world: LocalFrame | None = None) -> list[ros.Publication]:
         """Return the messages of one event.
 
         Most events have none. `world`: the datum of the frame `map`, if there is one.
         """
-        stamp = stamp_of(self._epoch_us, event.time_s)
+        stamp = ros.stamp_of(self._epoch_us, event.time_s)
         if isinstance(event, TakeOffPoint):
             self._origin = LocalFrame(event.lat, event.lon, event.alt)
         elif isinstance(event, FrameHeard):
             told = self._heard(event, stamp, world)
             return told + (self._again(event.time_s, stamp) if self._found else [])
         elif isinstance(event, BeliefChanged):
-            return [self._shapes(stamp, self._believed(event, header(stamp, TAKE_OFF)))]
+            return [self._shapes(stamp, self._believed(event, ros.header(stamp, TAKE_OFF)))]
         elif isinstance(event, PlaceFound):
             self._found = event
             return self._again(event.time_s, stamp)
         return []
 
-    def _heard(self, event: FrameHeard, stamp: int, world: LocalFrame | None) -> list[Publication]:
-        own, ground = header(stamp, RECEIVER), header(stamp, TAKE_OFF)
-        made = [Publication(ARVA, stamp, ros.Arva(own, [_slot(channel) for channel in event.frame.channels]))]
+    def _heard(self, event: FrameHeard, stamp: int, world: LocalFrame | None) -> list[ros.Publication]:
+        own, ground = ros.header(stamp, RECEIVER), ros.header(stamp, TAKE_OFF)
+        made = [ros.Publication(ARVA, stamp, ros.Arva(own, [_slot(channel) for channel in event.frame.channels]))]
         transforms = []
         if event.position is not None and event.heading_deg is not None:
             level = rotation.to_matrix(rotation.from_euler(0.0, 0.0, math.radians(event.heading_deg)))
             pose = geometry.pose(event.position, level)
-            made.append(Publication(POSE, stamp, ros.PoseStamped(ground, pose)))
+            made.append(ros.Publication(POSE, stamp, ros.PoseStamped(ground, pose)))
             transforms.append(ros.TransformStamped(ground, RECEIVER, geometry.transform(pose)))
             if self._origin:
-                made.append(Publication(FIX, stamp, self._fix(own, event.position, None)))
+                made.append(ros.Publication(FIX, stamp, self._fix(own, event.position, None)))
         if world and self._origin:
             there = geometry.between(world, self._origin)
-            transforms.append(ros.TransformStamped(header(stamp, MAP), TAKE_OFF, there))
-        return [Publication(TF, stamp, ros.TFMessage(transforms)), *made] if transforms else made
+            transforms.append(ros.TransformStamped(ros.header(stamp, ros.MAP), TAKE_OFF, there))
+        return [ros.Publication(ros.TF, stamp, ros.TFMessage(transforms)), *made] if transforms else made
 
     def _believed(self, event: BeliefChanged, ground: ros.Header) -> list[ros.Marker]:
         every = event.hypotheses
@@ -106,23 +105,25 @@ class SearchMessages:
             shapes.append(geometry.sphere(ground, "goal", 0, geometry.point((*event.goal, 0.0)), 0.3))
         return shapes
 
-    def _again(self, now: float, stamp: int) -> list[Publication]:
+    def _again(self, now: float, stamp: int) -> list[ros.Publication]:
         """Return the place found, at most once a second."""
         found = self._found
         if found is None or now - self._told_s < _AGAIN_S:
             return []
         self._told_s = now
-        ground, place = header(stamp, TAKE_OFF), (found.north_m, found.east_m, 0.0)
+        ground, place = ros.header(stamp, TAKE_OFF), (found.north_m, found.east_m, 0.0)
         shapes = [geometry.sphere(ground, "found", 0, geometry.point(place), _FOUND_M)]
         if found.covariance is not None:
             shapes.append(geometry.ellipse(ground, "95 %", geometry.point(place), found.covariance))
         made = [self._shapes(stamp, shapes)]
         if self._origin:
-            made.append(Publication(FOUND, stamp, self._fix(ground, place, found.earth_covariance or found.covariance)))
+            made.append(
+                ros.Publication(FOUND, stamp, self._fix(ground, place, found.earth_covariance or found.covariance))
+            )
         return made
 
-    def _shapes(self, stamp: int, shapes: list[ros.Marker]) -> Publication:
-        return Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))
+    def _shapes(self, stamp: int, shapes: list[ros.Marker]) -> ros.Publication:
+        return ros.Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))
 
     def _fix(
         self, of: ros.Header, place: tuple[float, float, float], covariance: tuple[float, float, float] | None
