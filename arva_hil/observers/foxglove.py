@@ -62,8 +62,7 @@ class FoxgloveServer:
 
     def _start(self, address: HostPort) -> Any:
         host, port = address
-        last = min(port + _NEXT, 65536) if port else 1
-        for free in range(port, last):
+        for free in range(port, min(port + _NEXT, 65536) if port else 1):
             try:
                 return self._foxglove.start_server(name="arva-hil", host=host, port=free, context=self._context)
             except RuntimeError as error:

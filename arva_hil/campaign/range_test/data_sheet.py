@@ -69,10 +69,9 @@ class DataSheet(NamedTuple):
 
 def measured(scenario: Scenario, plan: RangePlan, name: str = "") -> DataSheet:
     """Walk in every coupling; also with the motors on, if the scenario has their noise."""
-    noisy = [False, True] if scenario.receiver.vehicle_noise else [False]
     rows = [
         Row(coupling, motors, [walked(scenario, coupling, plan, n, motors=motors) for n in range(plan.walks)])
-        for motors in noisy
+        for motors in ([False, True] if scenario.receiver.vehicle_noise else [False])
         for coupling in COUPLINGS
     ]
     return DataSheet(name, scenario, plan, rows)

@@ -97,8 +97,7 @@ def _sampled(grid: TerrainGrid, origin: Origin) -> NDArray[np.float64]:
     row, column = (np.clip(x.astype(int), 0, most - 2) for x, most in ((down, grid.rows), (right, grid.columns)))
     v, u = (down - row)[:, None], (right - column)[None, :]
     a, b = (heights[np.ix_(row + i, column)] * (1 - u) + heights[np.ix_(row + i, column + 1)] * u for i in (0, 1))
-    inside = (v >= 0) & (v <= 1) & (u >= 0) & (u <= 1)
-    return np.where(inside, a * (1 - v) + b * v, np.nan)
+    return np.where((v >= 0) & (v <= 1) & (u >= 0) & (u <= 1), a * (1 - v) + b * v, np.nan)
 
 
 def _shaded(heights: NDArray[np.float64]) -> Background:

@@ -72,14 +72,13 @@ def point_of(made: FrameMade, offset: tuple[float, float, float], *, hidden: boo
         place = tuple(a + b for a, b in zip(made.pose.position.tolist(), offset, strict=True))
         rotation = made.pose.rotation
         yaw_deg = math.degrees(math.atan2(rotation[1, 0], rotation[0, 0]))
-    ranges = [None if hidden else c.true_range_m for c in made.reading.channels]
     return point(
         made.instant_s,
         place,
         yaw_deg,
         None if made.age_s is None else made.age_s * 1e3,
         made.late_s * 1e3,
-        slots(made.frame.channels, ranges),
+        slots(made.frame.channels, [None if hidden else c.true_range_m for c in made.reading.channels]),
         made.frame.sequence,
     )
 

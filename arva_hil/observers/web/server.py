@@ -151,10 +151,9 @@ Source = Callable[[Mapping[str, str], int], bytes]
 
 def pages() -> dict[str, Content]:
     """Return the files of the page, by their path in a request."""
-    folder = Path(__file__).parent / "page"
     found = {
         f"/{file.name}": Content(_TYPES[file.suffix], file.read_bytes())
-        for file in sorted(folder.iterdir())
+        for file in sorted((Path(__file__).parent / "page").iterdir())
         if file.suffix in _TYPES
     }
     found["/"] = found.pop("/index.html")

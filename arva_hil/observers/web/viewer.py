@@ -261,8 +261,7 @@ def _event(said: Mapping[str, Any]) -> Event | None:
         event = event_of(said)
         if event is not None and not isinstance(event, DatumSet):
             search, health = SearchView(Places()), Health({}, {})
-            inner = event.event if isinstance(event, FromSearch) else event
-            for one in (WaitingFor(0.0, "pose"), inner):
+            for one in (WaitingFor(0.0, "pose"), event.event if isinstance(event, FromSearch) else event):
                 search.observe(one)
                 health.observe(one)
             jsons.dump([search.document(), health.vehicles(), health.links()])

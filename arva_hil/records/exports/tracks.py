@@ -115,8 +115,7 @@ def marks(recording: Recording) -> list[Landmark]:
 
 
 def _track(name: str, receiver: RecordedReceiver | None, time_s: Array, lla: Array) -> FlightTrack:
-    there = np.isfinite(lla).all(axis=1) & np.isfinite(time_s)
-    rows = np.flatnonzero(there)
+    rows = np.flatnonzero(np.isfinite(lla).all(axis=1) & np.isfinite(time_s))
     return FlightTrack(name, receiver, rows, time_s[rows], rounded(lla[rows]), np.diff(rows, prepend=rows[:1]) > 1)
 
 

@@ -125,8 +125,7 @@ class Estimation:
         later = theta.copy()
         later[1] -= _STEP_S
         age = self._change(part, later, rows) / _STEP_S
-        turned = np.flatnonzero(self._has_delta(flight))
-        reading = np.concatenate([np.arange(len(flight)), turned])
+        reading = np.concatenate([np.arange(len(flight)), np.flatnonzero(self._has_delta(flight))])
         mean = self.gps.sigma_m**2 / 2 * np.sum(bends, axis=0)
         bend = np.stack([*(np.array(bends) / math.sqrt(2)), *mixed], axis=1)
         is_delta = np.arange(len(rows)) >= len(flight)

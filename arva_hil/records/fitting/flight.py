@@ -149,8 +149,7 @@ def thinned(flight: RecordedFlight, most: int) -> RecordedFlight:
 
 def _track(recording: Recording) -> tuple[Floats, Floats, Floats, LocalFrame]:
     """Return times, positions and attitudes that the vehicle reported, and the frame of its datum."""
-    scenario = Scenario((), source=str(recording.folder))
-    setup = one_vehicle(scenario, Session(passive=True))
+    setup = one_vehicle(Scenario((), source=str(recording.folder)), Session(passive=True))
     world = VehicleWorld(setup, {}, start=0.0, max_age_s=MOST_GAP_S)
     seen: list[tuple[float, VehicleState]] = []
     due = -5.0

@@ -59,11 +59,10 @@ def name_of(id_: int) -> str:
 
 def receiver_parameters(model: str) -> list[Parameter]:
     """Return the parameters of the receiver."""
-    degrees = 180 / math.pi
     every = [
         Parameter("kappa_eq", math.log(1.542), 1.0, logarithm=True),
         Parameter("latency", 0.3, 1.5, "s"),
-        Parameter("mount yaw", 0.0, 1.8, "°", degrees),
+        Parameter("mount yaw", 0.0, 1.8, "°", 180 / math.pi),
         Parameter("mount x", 0.0, 0.7, "m"),
         Parameter("mount y", 0.0, 0.7, "m"),
         Parameter("mount z", 0.0, 0.7, "m"),

@@ -39,8 +39,7 @@ class Predictor:
         """Predict a flight's readings. `shift` (3,) or (N, 3): added to the reported positions [m]."""
         get = self._get(theta)
         position, body = flight.poses(get("latency"))
-        offset = np.array([get("mount x"), get("mount y"), get("mount z")])
-        position = position + body @ offset + shift
+        position = position + body @ np.array([get("mount x"), get("mount y"), get("mount z")]) + shift
         place, moment = self._dipoles(theta)
         who = flight.who
         h = field_of(position.T[:, None], place[who].T[:, None], moment[who].T[:, None])[:, 0]

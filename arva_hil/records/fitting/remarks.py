@@ -138,16 +138,14 @@ def advice(problem: Estimation, fit: ReceiverFit) -> list[str]:
 
 def _information(problem: Estimation, path: Path) -> Floats:
     """Return the information of a minute on a path around the first transmitter, at one reading a second."""
-    names = [parameter.name for parameter in problem.parameters]
-    first = names.index(f"{problem.names[0]} north")
+    first = [parameter.name for parameter in problem.parameters].index(f"{problem.names[0]} north")
     place = problem.theta[first : first + 3]
     t = np.arange(0.0, _LENGTH_S, 1.0)
     fine = np.arange(-5.0, _LENGTH_S + 5.0, 0.5)
     offset, heading = path(np.clip(fine, 0, _LENGTH_S))
     attitude = np.stack([rotation.from_euler(0.0, 0.0, float(one)) for one in np.unwrap(heading)])
-    model = problem.flights[0]
     planned: RecordedFlight = replace(
-        model,
+        problem.flights[0],
         time_s=t,
         who=np.zeros(len(t), np.intp),
         d_m=np.full(len(t), 10.0),

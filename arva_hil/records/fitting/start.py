@@ -32,8 +32,7 @@ def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None) -> l
     moments /= 4 * math.pi
     for place in places:
         every = np.repeat(position.T[:, None], len(axes), axis=1)  # (3, axes, N)
-        h = field_of(every, place[:, None, None], moments.T[:, :, None])
-        b = np.einsum("nij,ian->jan", body, h)
+        b = np.einsum("nij,ian->jan", body, field_of(every, place[:, None, None], moments.T[:, :, None]))
         flat = np.hypot(b[0], b[1])
         size = np.where(some.inner, np.sqrt(flat**2 + b[2] ** 2), flat)
         residual = np.log(some.d_m) + np.log(np.maximum(size, 1e-200)) / 3

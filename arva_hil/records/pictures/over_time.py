@@ -178,8 +178,7 @@ def draw_lateness(axes: Axes, receiver: RecordedReceiver | None) -> None:
     if not len(late) or late.max() < _ON_TIME_MS:
         _say(axes, "every frame was made at its instant" if len(late) else "no lateness is recorded")
         return
-    edges = np.linspace(0.0, float(late.max()) * 1.001, _TIMING_BINS + 1)
-    axes.hist(late, bins=edges.tolist(), color=BLUE)
+    axes.hist(late, bins=np.linspace(0.0, float(late.max()) * 1.001, _TIMING_BINS + 1).tolist(), color=BLUE)
     for share, colour, dashes in ((50, GREY, "-"), (99, RED, "--")):
         value = float(np.percentile(late, share))
         axes.axvline(value, color=colour, ls=dashes, lw=1.2, label=f"{share} % of the frames: up to {value:.3g} ms")

@@ -259,5 +259,4 @@ def surveyed_scenario(places: Sequence[Surveyed]) -> Scenario:
 
 def _restarted(before: _Waiting, came: _Waiting) -> bool:
     """Return True if the sequence number began again from 0."""
-    gap = (came.frame.sequence - before.frame.sequence) % 256 - 1
-    return came.frame.sequence < RESTART < gap
+    return came.frame.sequence < RESTART < (came.frame.sequence - before.frame.sequence) % 256 - 1

@@ -128,10 +128,9 @@ def colour(id_: int, opacity: float = 1.0) -> ColorRGBA:
 
 def transmitter(header: Header, id_: int, pose: Pose) -> tuple[Marker, Marker]:
     """Return a sphere for a transmitter, and an arrow for its dipole."""
-    shaft = Vector3(_DIPOLE_M, 0.08, 0.08)
     return (
         _marker(header, "transmitters", id_, Marker.SPHERE, pose, Vector3(0.4, 0.4, 0.4), colour(id_)),
-        _marker(header, "dipoles", id_, Marker.ARROW, pose, shaft, colour(id_)),
+        _marker(header, "dipoles", id_, Marker.ARROW, pose, Vector3(_DIPOLE_M, 0.08, 0.08), colour(id_)),
     )
 
 

@@ -90,8 +90,7 @@ def _of_search(search: RecordedSearch) -> Iterator[Event]:
     if search.origin:
         yield TakeOffPoint(times[0] if times else 0.0, *search.origin)
     readings = np.stack([search.d_cm, search.delta_deg, search.zone], axis=-1)
-    known = np.isfinite(readings).all(axis=1)
-    for n in np.flatnonzero(known).tolist():
+    for n in np.flatnonzero(np.isfinite(readings).all(axis=1)).tolist():
         d_cm, delta_deg, zone = (int(value) for value in readings[n])
         channel = Channel(None if math.isnan(search.id[n]) else int(search.id[n]), zone, d_cm, delta_deg)
         north, east, down = search.position[n].tolist()
