@@ -177,12 +177,10 @@ class Results:
         """Store rows: all are on the disk when this returns, or none. Raises ResultsError, e.g. if the disk is full."""
         marks = ", ".join("?" * len(_COLUMNS))
         try:
-            self._database.execute("BEGIN")
-            self._database.executemany(f"INSERT OR REPLACE INTO results VALUES ({marks})", map(astuple, rows))
-            self._database.execute("COMMIT")
+            with self._database as database:  # commits, or rolls back
+                database.execute("BEGIN")
+                database.executemany(f"INSERT OR REPLACE INTO results VALUES ({marks})", map(astuple, rows))
         except sqlite3.Error as error:
-            with contextlib.suppress(sqlite3.Error):
-                self._database.execute("ROLLBACK")
             raise ResultsError(f"{self.path}: cannot be written: {error}") from None
         self.rows.update((one.key, one) for one in rows)
 

@@ -93,8 +93,7 @@ def test_a_record_says_what_was_run_where_and_when(read: Recording) -> None:
     assert np.isnan(lla[:SILENT]).all()
     back = LocalFrame(*HOME).ned(*lla[SILENT:].T)
     np.testing.assert_allclose(back, receiver.position[SILENT:], atol=1e-6)
-    there = read.transmitters("")
-    assert there.at(0.0).positions.tolist() == [[20.0, 5.0, 0.0]]
+    assert read.transmitters("").positions.tolist() == [[20.0, 5.0, 0.0]]
 
 
 def test_events_are_on_the_clock_of_the_frames_and_the_status_is_apart(read: Recording) -> None:

@@ -190,8 +190,7 @@ class RecordedState(State):
             name = vehicle or ONE[0]
             status = of.get(name, VehicleStatus(name, "", {}, ()))
             counts = {one.name: one for one in status.receivers}
-            moving = self._recording.transmitters(vehicle, time_s)
-            there = moving.at(max(0.0, time_s)) if moving else None
+            there = self._recording.transmitters(vehicle, time_s)
             each = [counts.get(receiver, ReceiverStatus(receiver, None, 0, 0)) for receiver in receivers]
             shown = [replace(one, transmitters=there) for one in each]
             vehicles.append(replace(status, receivers=shown, source=source))

@@ -156,12 +156,10 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: 
 def _transmitters(recording: Recording) -> Iterator[Landmark]:
     end_s = recording.span_s[1]
     for vehicle in dict.fromkeys(receiver.vehicle for receiver in recording.receivers):
-        moving = recording.transmitters(vehicle, end_s)
-        if moving is None or recording.datum_at(vehicle, end_s) is None:
+        there = recording.transmitters(vehicle, end_s)
+        lla = recording.lla(vehicle, np.full(len(there.ids), end_s), there.positions) if there else None
+        if there is None or lla is None:
             continue
-        there = moving.at(end_s)
-        lla = recording.lla(vehicle, np.full(len(there.ids), end_s), there.positions)
-        assert lla is not None
         for id_, strength, place in zip(there.ids, there.strengths.tolist(), rounded(lla).tolist(), strict=True):
             if id_ not in there.unplaced:
                 of = f" (datum of {vehicle})" if vehicle else ""

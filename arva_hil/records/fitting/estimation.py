@@ -17,7 +17,7 @@ from scipy.optimize import least_squares, minimize
 
 from arva_hil.records.fitting.flight import Floats, RecordedFlight, thinned
 from arva_hil.records.fitting.parameters import Parameter, name_of, receiver_parameters, transmitter_parameters
-from arva_hil.records.fitting.prediction import Predicted, Predictor, residuals
+from arva_hil.records.fitting.prediction import Predicted, predict, residuals
 from arva_hil.records.fitting.scatter import (
     USUAL,
     Gps,
@@ -88,9 +88,10 @@ class Estimation:
         """The names of the transmitters."""
         return [name_of(id_) for id_ in self.ids]
 
-    @property
-    def predictor(self) -> Predictor:
-        return Predictor(self.model, self.parameters, self.names)
+    def predict(self, flight: RecordedFlight, theta: Floats, shift: Floats | float = 0.0) -> Predicted:
+        """Return the readings of a flight that some parameters predict. `shift`: of the reported positions [m]."""
+        values = dict(zip([parameter.name for parameter in self.parameters], theta.tolist(), strict=True))
+        return predict(flight, self.model, values, shift)
 
     @property
     def means(self) -> Floats:
@@ -129,7 +130,7 @@ class Estimation:
         mean = self.gps.sigma_m**2 / 2 * np.sum(bends, axis=0)
         bend = np.stack([*(np.array(bends) / math.sqrt(2)), *mixed], axis=1)
         is_delta = np.arange(len(rows)) >= len(flight)
-        return self.predictor.predict(flight, theta), Linear(rows + mean, reading, place, bend, age, is_delta)
+        return self.predict(flight, theta), Linear(rows + mean, reading, place, bend, age, is_delta)
 
     def jacobian(self, part: Part, theta: Floats, linear: Linear) -> Floats:
         """Return the derivatives of the residuals by the parameters.
@@ -160,7 +161,7 @@ class Estimation:
         return np.isfinite(flight.delta) & (self.model != "rssi")
 
     def _rows(self, part: Part, theta: Floats, shift: Floats | float = 0.0) -> Floats:
-        log_d, delta = residuals(part.flight, self.predictor.predict(part.flight, theta, shift))
+        log_d, delta = residuals(part.flight, self.predict(part.flight, theta, shift))
         return np.concatenate([log_d, delta[self._has_delta(part.flight)]])
 
     def _change(self, part: Part, theta: Floats, rows: Floats, shift: Floats | float = 0.0) -> Floats:
@@ -177,7 +178,7 @@ class Estimation:
         def rows(theta: Floats) -> Floats:
             every = []
             for flight in some:
-                log_d, delta = residuals(flight, self.predictor.predict(flight, theta))
+                log_d, delta = residuals(flight, self.predict(flight, theta))
                 every += [log_d / _ROBUST[0], delta[self._has_delta(flight)] / _ROBUST[1]]
             return np.concatenate([*every, (theta - self.means) / self.sigmas])
 
@@ -206,7 +207,7 @@ class Estimation:
     def _choose(self) -> None:
         """Use readings that are predicted within the range, and are not mostly noise."""
         for n, flight in enumerate(self.flights):
-            predicted = self.predictor.predict(flight, self.theta)
+            predicted = self.predict(flight, self.theta)
             noise = max(self.scatter.x, self.scatter.y) / predicted.shown
             used = (noise < _NOISY) & (predicted.log_d > math.log(max(_NEAR * self.gps.sigma_m, 0.1)))
             _, linear = self.linear(Part(flight, self.bad[n]), self.theta)

@@ -35,7 +35,7 @@ def fit(flights: Sequence[RecordedFlight], model: str, gps: Gps) -> ReceiverFit:
     estimates = _estimates(problem, inverse)
     estimates |= {one.name: one for one in _noise(problem)}
     parts = problem.parts()
-    each = [residuals(part.flight, problem.predictor.predict(part.flight, problem.theta)) for part in parts]
+    each = [residuals(part.flight, problem.predict(part.flight, problem.theta)) for part in parts]
     log_d = np.concatenate([one for one, _ in each])
     delta = np.concatenate([one for _, one in each])
     delta = delta[np.isfinite(delta)]
@@ -43,8 +43,6 @@ def fit(flights: Sequence[RecordedFlight], model: str, gps: Gps) -> ReceiverFit:
         model,
         flights,
         problem.ids,
-        [parameter.name for parameter in problem.parameters],
-        problem.theta,
         inverse,
         estimates,
         problem.scatter,

@@ -155,7 +155,7 @@ def _information(problem: Estimation, path: Path) -> Floats:
         track=place + offset,
         attitude=with_near_signs(attitude),
     )
-    predicted = problem.predictor.predict(planned, problem.theta)
+    predicted = problem.predict(planned, problem.theta)
     planned = replace(planned, d_m=np.exp(predicted.log_d), delta=predicted.delta)
     part = Part(planned, np.ones(len(t)))
     now, linear = problem.linear(part, problem.theta)

@@ -16,15 +16,13 @@ class ReceiverFit:
     """The properties of a receiver and its transmitters, by some flights.
 
     `estimates`: by name, in a fixed order; those of the noise too. `covariance`: of the parameters, in their units of
-    the fit, in the order of `names`. `d_scatter`, `delta_scatter_deg`: of the residuals. `outliers`: readings that do
-    not fit. `doubts`: sentences on a model that does not fit, or on a place. `advice`: the next pass.
+    the fit, in the order of the first `estimates`. `d_scatter`, `delta_scatter_deg`: of the residuals. `outliers`:
+    readings that do not fit. `doubts`: sentences on a model that does not fit, or on a place. `advice`: the next pass.
     """
 
     model: str
     flights: Sequence[RecordedFlight]
     ids: Sequence[int]
-    names: Sequence[str]
-    theta: Floats
     covariance: Floats
     estimates: Mapping[str, FittedValue]
     scatter: Scatter

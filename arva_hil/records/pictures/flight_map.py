@@ -26,11 +26,10 @@ def draw_map(axes: Axes, recording: Recording, receiver: RecordedReceiver | None
     if receiver is not None:
         seen += _draw_track(axes, receiver)
     seen += _draw_search(axes, recording, vehicle)
-    moving = recording.transmitters(vehicle, recording.span_s[1])
-    if moving is None or receiver is None or recording.scenario is None:
+    transmitters = recording.transmitters(vehicle, recording.span_s[1])
+    if transmitters is None or receiver is None or recording.scenario is None:
         _frame(axes, seen)
     else:
-        transmitters = moving.at(recording.span_s[1])
         _frame(axes, seen + _draw_transmitters(axes, transmitters))
         heights = receiver.position[:, 2]
         down_m = float(np.nanmedian(heights)) if np.isfinite(heights).any() else -_HEIGHT_M

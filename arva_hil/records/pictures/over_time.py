@@ -69,10 +69,10 @@ def true_range(recording: Recording, receiver: RecordedReceiver, id_: int, rows:
     ranges = receiver.of_transmitter(id_)[3][rows]
     for n in np.flatnonzero(np.isnan(ranges)):
         time_s = float(receiver.time_s[rows[n]])
-        moving = recording.transmitters(receiver.vehicle, time_s)
-        if moving is None:
+        there = recording.transmitters(receiver.vehicle, time_s)
+        if there is None:
             break
-        ranges[n] = moving.at(time_s).ranges(receiver.position[rows[n]]).get(id_, np.nan)
+        ranges[n] = there.ranges(receiver.position[rows[n]]).get(id_, np.nan)
     return ranges
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.events import StatusReport
-from arva_hil.model.field import LocalFrame, MovingTransmitters
+from arva_hil.model.field import LocalFrame, MovingTransmitters, Transmitters
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import mapping, number, text
 from arva_hil.records.reading.search import RecordedSearch
@@ -261,15 +261,15 @@ class Recording:
                 result[here] = np.stack(datum.frame.lla(ned[here]), axis=-1)
         return result
 
-    def transmitters(self, vehicle: str, time_s: float = 0.0) -> MovingTransmitters | None:
-        """Return the scenario's transmitters, NED from the vehicle's datum then; None without scenario or datum."""
+    def transmitters(self, vehicle: str, time_s: float = 0.0) -> Transmitters | None:
+        """Return the transmitters at a time, NED from the vehicle's datum then; None without scenario or datum."""
         scenario, datum = self.scenario, self.datum_at(vehicle, time_s)
         if scenario is None or (datum is None and any(transmitter.lla for transmitter in scenario.transmitters)):
             return None
         datum = datum or RecordedDatum(0.0, 0.0, 0.0, 0.0)
         if datum not in self._placed:
             self._placed[datum] = moving_transmitters(scenario, datum.frame)
-        return self._placed[datum]
+        return self._placed[datum].at(max(0.0, time_s))
 
     def of_search(self, ned: ArrayLike, vehicle: str = "") -> Array | None:
         """Return places of the search (..., 3), NED from its take-off point, as NED from the vehicle's datum.

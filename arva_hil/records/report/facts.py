@@ -269,9 +269,8 @@ def _truth(recording: Recording) -> dict[int, list[float]]:
     """Return the true places of the transmitters at the end, NED from the datum, by id; empty if they are not known."""
     if not recording.receivers:
         return {}
-    moving = recording.transmitters(recording.receivers[0].vehicle, recording.span_s[1])
-    if moving is None:
+    there = recording.transmitters(recording.receivers[0].vehicle, recording.span_s[1])
+    if there is None:
         return {}
-    there = moving.at(recording.span_s[1])
     places = zip(there.ids, there.positions.tolist(), strict=True)
     return {id_: position for id_, position in places if id_ not in there.unplaced}
