@@ -45,6 +45,16 @@ class Flight(NamedTuple):
         return min(self.positions[-1].boot, self.attitudes[-1].boot)
 
 
+@pytest.fixture
+def track() -> PoseTrack:
+    return PoseTrack()
+
+
+@pytest.fixture
+def clock() -> ClockMap:
+    return ClockMap()
+
+
 def flight(seed: int, position_gap: float = 0.25, attitude_gap: float = 0.25) -> Flight:
     rng = np.random.default_rng(seed)
 
@@ -130,9 +140,8 @@ def test_after_the_newest_it_goes_on_with_velocity_and_for_a_while_with_rates(se
 
 
 @pytest.mark.parametrize("ahead", [0.3, 1.0, 1.9])
-def test_in_a_stall_a_roll_that_ended_is_not_rolled_on(ahead: float) -> None:
+def test_in_a_stall_a_roll_that_ended_is_not_rolled_on(track: PoseTrack, ahead: float) -> None:
     """The vehicle levels out from 12° at 40° a second; nothing more is heard of it."""
-    track = PoseTrack()
     track.positions.add(at(1.0))
     track.attitudes.add(AttitudeSample(1.0, (math.radians(12), 0.0, 0.0), (math.radians(-40), 0.0, 0.0)))
     state = pose(track, 1.0 + ahead)
@@ -142,8 +151,7 @@ def test_in_a_stall_a_roll_that_ended_is_not_rolled_on(ahead: float) -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("rate", [99.0, -99.0])
-def test_no_rate_turns_it_by_more_than_a_bound(axis: int, rate: float) -> None:
-    track = PoseTrack()
+def test_no_rate_turns_it_by_more_than_a_bound(track: PoseTrack, axis: int, rate: float) -> None:
     track.positions.add(at(1.0))
     rates = [0.0, 0.0, 0.0]
     rates[axis] = rate
@@ -152,8 +160,7 @@ def test_no_rate_turns_it_by_more_than_a_bound(axis: int, rate: float) -> None:
     assert max(turns) <= (90.001 if axis == 2 else 30.001)
 
 
-def test_positions_can_be_forgotten_and_the_attitude_stays() -> None:
-    track = PoseTrack()
+def test_positions_can_be_forgotten_and_the_attitude_stays(track: PoseTrack) -> None:
     for boot in (1.0, 2.0):
         track.positions.add(at(boot))
         track.attitudes.add(yawed(boot, 0.1))
@@ -218,8 +225,7 @@ def yaw(state: VehicleState) -> float:
     return 2 * math.atan2(z, w)
 
 
-def test_an_empty_track_knows_nothing() -> None:
-    track = PoseTrack()
+def test_an_empty_track_knows_nothing(track: PoseTrack) -> None:
     assert track.at(1.0, FRAME) is None
     assert track.newest is None
     assert not track.positions
@@ -235,8 +241,7 @@ def test_one_half_of_a_pose_is_none() -> None:
 
 
 @pytest.mark.parametrize(("position", "attitude"), [(1.0, 2.0), (2.0, 1.0)])
-def test_before_the_first_of_either_there_is_none(position: float, attitude: float) -> None:
-    track = PoseTrack()
+def test_before_the_first_of_either_there_is_none(track: PoseTrack, position: float, attitude: float) -> None:
     track.positions.add(at(position))
     track.attitudes.add(yawed(attitude))
     assert track.at(1.999, FRAME) is None
@@ -245,9 +250,8 @@ def test_before_the_first_of_either_there_is_none(position: float, attitude: flo
 
 
 @pytest.mark.parametrize(("gap", "north", "heading"), [(2.0, 50.0, 0.5), (2.2, 1.1, 0.05)])
-def test_a_wide_gap_is_not_interpolated(gap: float, north: float, heading: float) -> None:
+def test_a_wide_gap_is_not_interpolated(track: PoseTrack, gap: float, north: float, heading: float) -> None:
     """The samples are 100 m and 1 rad apart; the first one's own speed is 1 m/s and 0.1 rad/s."""
-    track = PoseTrack()
     track.positions.add(at(1.0, 0.0, (1.0, 0, 0)))
     track.positions.add(at(1.0 + gap, 100.0, (1.0, 0, 0)))
     track.attitudes.add(yawed(1.0, 0.0, 0.1))
@@ -259,8 +263,7 @@ def test_a_wide_gap_is_not_interpolated(gap: float, north: float, heading: float
 
 
 @pytest.mark.parametrize("late", [2.0, 1.9, 1.0, 0.5])
-def test_a_sample_that_comes_twice_or_late_is_dropped(late: float) -> None:
-    track = PoseTrack()
+def test_a_sample_that_comes_twice_or_late_is_dropped(track: PoseTrack, late: float) -> None:
     for boot in (1.0, 2.0):
         track.positions.add(at(boot))
         track.attitudes.add(yawed(boot))
@@ -274,8 +277,7 @@ def test_a_sample_that_comes_twice_or_late_is_dropped(late: float) -> None:
     assert track.at(0.99, FRAME) is None
 
 
-def test_ten_seconds_are_remembered() -> None:
-    track = PoseTrack()
+def test_ten_seconds_are_remembered(track: PoseTrack) -> None:
     for i in range(1500):
         track.positions.add(at(i / 50))
         track.attitudes.add(yawed(i / 50))
@@ -285,9 +287,8 @@ def test_ten_seconds_are_remembered() -> None:
     assert track.positions[0] == at(19.98)
 
 
-def test_memory_does_not_grow() -> None:
+def test_memory_does_not_grow(track: PoseTrack) -> None:
     """However fast the samples come: here a million of them in a second of the vehicle's time."""
-    track = PoseTrack()
 
     def fill(start: float) -> int:
         for i in range(10_000):
@@ -314,8 +315,7 @@ def test_before_the_first_sample_nothing_is_known() -> None:
     assert ClockMap().boot(12.0) is None
 
 
-def test_it_counts_on_between_samples() -> None:
-    clock = ClockMap()
+def test_it_counts_on_between_samples(clock: ClockMap) -> None:
     clock.add(100.0, 7.0)
     assert clock.boot(100.0) == 7.0
     assert clock.boot(103.5) == 10.5
@@ -342,10 +342,9 @@ def test_never_ahead_of_the_vehicle_and_late_by_the_least_delay(
 
 
 @pytest.mark.parametrize(("rate", "earliest", "latest"), [(0.985, -0.0155, 0.0), (1.015, 0.0, 0.0155)])
-def test_a_clock_that_runs_wrong_is_followed(rate: float, earliest: float, latest: float) -> None:
+def test_a_clock_that_runs_wrong_is_followed(clock: ClockMap, rate: float, earliest: float, latest: float) -> None:
     """1.5 % slow was measured: 15 ms in the second that is remembered."""
     numbers = random.Random(1)
-    clock = ClockMap()
     delays: list[tuple[float, float]] = []
     for i in range(3000):
         sent = 0.02 * i
@@ -366,8 +365,7 @@ def steady(clock: ClockMap, start: float, end: float, offset: float) -> None:
         clock.add(sent + 0.005, sent - offset)
 
 
-def test_a_clock_that_jumped_ahead_is_believed_at_once() -> None:
-    clock = ClockMap()
+def test_a_clock_that_jumped_ahead_is_believed_at_once(clock: ClockMap) -> None:
     steady(clock, 0, 5, 0.0)
     clock.add(5.005, 5.15)
     assert clock.boot(5.005) == pytest.approx(5.15)
@@ -379,9 +377,8 @@ def test_a_clock_that_jumped_ahead_is_believed_at_once() -> None:
     ids=["it fell behind", "the simulator stood still"],
 )
 def test_a_clock_that_fell_behind_is_believed_after_the_window(
-    again_s: float, soon_s: float, late_s: float, behind_s: float
+    clock: ClockMap, again_s: float, soon_s: float, late_s: float, behind_s: float
 ) -> None:
-    clock = ClockMap()
     steady(clock, 0, 5, 0.0)
     steady(clock, again_s, soon_s, behind_s)
     assert clock.boot(soon_s) == pytest.approx(soon_s - 0.005)  # it may still be a delay
@@ -389,9 +386,8 @@ def test_a_clock_that_fell_behind_is_believed_after_the_window(
     assert clock.boot(late_s) == pytest.approx(late_s - behind_s - 0.005)
 
 
-def test_a_burst_behind_a_stall_does_not_pass_for_fresh() -> None:
+def test_a_burst_behind_a_stall_does_not_pass_for_fresh(clock: ClockMap) -> None:
     """A link that held everything up for 1.5 s, and then delivers it at once."""
-    clock = ClockMap()
     steady(clock, 0, 5, 0.0)
     for i in range(75):
         clock.add(6.5 + 0.001 * i, 5.0 + 0.02 * i)
@@ -399,8 +395,7 @@ def test_a_burst_behind_a_stall_does_not_pass_for_fresh() -> None:
 
 
 @pytest.mark.parametrize(("speed", "rate"), [(0.5, 1.0), (1.0, 1.0), (1.5, 1.5), (19.0, 19.0), (30.0, 20.0)])
-def test_the_rate_is_that_of_a_simulator_faster_than_real_time(speed: float, rate: float) -> None:
-    clock = ClockMap()
+def test_the_rate_is_that_of_a_simulator_faster_than_real_time(clock: ClockMap, speed: float, rate: float) -> None:
     assert clock.rate == 1.0
     for i in range(0, 201, 2):
         clock.add(100 + 0.01 * i, 7 + speed * 0.01 * i)
@@ -410,8 +405,7 @@ def test_the_rate_is_that_of_a_simulator_faster_than_real_time(speed: float, rat
         assert clock.rate == pytest.approx(rate)
 
 
-def test_silence_does_not_keep_an_old_estimate() -> None:
-    clock = ClockMap()
+def test_silence_does_not_keep_an_old_estimate(clock: ClockMap) -> None:
     clock.add(0.0, 0.0)
     clock.add(30.0, 29.5)
     assert clock.boot(30.0) == 29.5

@@ -97,6 +97,11 @@ def following(now: float = 100.0, source: tuple[int, int] = (1, 1), **options: A
     return session
 
 
+@pytest.fixture
+def session() -> KeepingSession:
+    return following(100.0)
+
+
 def knowledge(session: KeepingSession, now: float) -> str:
     """All that a session tells about its vehicle."""
     known = (
@@ -230,8 +235,7 @@ def test_another_autopilot_is_named_once() -> None:
     assert (event.system, event.component, event.same_ids) == (2, 1, False)
 
 
-def test_anothers_heartbeats_do_not_keep_the_vehicle_alive() -> None:
-    session = following(100.0)
+def test_anothers_heartbeats_do_not_keep_the_vehicle_alive(session: KeepingSession) -> None:
     for i in range(10):
         tell(session, heartbeat(), 101.0 + i, (2, 1))
         tell(session, heartbeat(GCS, NONE), 101.0 + i, (255, 190))
@@ -239,8 +243,7 @@ def test_anothers_heartbeats_do_not_keep_the_vehicle_alive() -> None:
     assert VehicleLost in map(type, session.take_events())
 
 
-def test_the_vehicles_own_packets_are_those_it_sent_and_is_believed_in() -> None:
-    session = following(100.0)
+def test_the_vehicles_own_packets_are_those_it_sent_and_is_believed_in(session: KeepingSession) -> None:
     own = [heartbeat(), attitude(11.0), ack(SET_INTERVAL, DENIED, (255, 190)), position(11.0)]
     mixed = b""
     for message in own:
@@ -334,8 +337,9 @@ def test_no_values_of_the_vehicle_make_it_raise(said: list[tuple[int, bytes]]) -
 
 @pytest.mark.parametrize("message", [position, attitude])
 @pytest.mark.parametrize(("back", "rebooted"), [(0.2, 0), (0.49, 0), (0.51, 1), (9.9, 1)])
-def test_time_that_goes_back_for_good_is_a_reboot(message: Any, back: float, rebooted: int) -> None:
-    session = following(100.0)  # boot time 10 s
+def test_time_that_goes_back_for_good_is_a_reboot(
+    session: KeepingSession, message: Any, back: float, rebooted: int
+) -> None:
     tell(session, message(10.0 - back), 100.6)
     tell(session, message(10.005 - back), 100.62)
     assert session.navigation.reboots == rebooted
@@ -351,8 +355,7 @@ def test_time_that_goes_back_for_good_is_a_reboot(message: Any, back: float, reb
         assert session.take_events() == []
 
 
-def test_a_reboot_is_reckoned_from_the_newest_time_heard() -> None:
-    session = following(100.0)
+def test_a_reboot_is_reckoned_from_the_newest_time_heard(session: KeepingSession) -> None:
     for back in (0.2, 0.45, 0.3):
         tell(session, attitude(10.0 - back), 100.1)
     assert session.navigation.reboots == 0
@@ -362,8 +365,7 @@ def test_a_reboot_is_reckoned_from_the_newest_time_heard() -> None:
 
 
 @pytest.mark.parametrize("stray", [0.0, 3.0, 9.4, 25.0, 1000.0, 4294967.0])
-def test_one_time_out_of_line_changes_nothing_and_is_counted(stray: float) -> None:
-    session = following(100.0)
+def test_one_time_out_of_line_changes_nothing_and_is_counted(session: KeepingSession, stray: float) -> None:
     before = session.navigation.state_at(100.02, FRAME)
     for message in (attitude, position, attitude):
         tell(session, message(stray), 100.02)
@@ -375,9 +377,8 @@ def test_one_time_out_of_line_changes_nothing_and_is_counted(stray: float) -> No
 
 
 @pytest.mark.parametrize("ahead", [41.0, 447.0])
-def test_a_time_that_leaps_ahead_for_good_is_no_reboot(ahead: float) -> None:
+def test_a_time_that_leaps_ahead_for_good_is_no_reboot(session: KeepingSession, ahead: float) -> None:
     """A radio that first delivers what it had in its buffer."""
-    session = following(100.0)  # boot time 10 s
     far = (HOME[0] + 0.01, *HOME[1:])  # where it has flown meanwhile
     for i in range(60):
         now = 0.02 * i
@@ -395,9 +396,8 @@ def test_a_time_that_leaps_ahead_for_good_is_no_reboot(ahead: float) -> None:
 
 
 @pytest.mark.parametrize("other", [2.0, 5000.0])
-def test_of_two_clocks_at_once_the_first_is_believed(other: float) -> None:
+def test_of_two_clocks_at_once_the_first_is_believed(session: KeepingSession, other: float) -> None:
     """Another device with the vehicle's ids on the same link, as lively as the vehicle."""
-    session = following(100.0)
     for i in range(500):
         now = 0.02 * i
         tell(session, attitude(10.0 + now), 100.0 + now)
@@ -408,8 +408,7 @@ def test_of_two_clocks_at_once_the_first_is_believed(other: float) -> None:
     assert session.navigation.clock.boot(110.0) == pytest.approx(20.0)
 
 
-def test_after_a_reboot_there_is_a_pose_again() -> None:
-    session = following(100.0)
+def test_after_a_reboot_there_is_a_pose_again(session: KeepingSession) -> None:
     for message in (attitude(0.28), position(0.3), attitude(0.3), home(46.6)):
         tell(session, message, 101.0)
     assert session.navigation.state_at(101.1, FRAME).boot_s == pytest.approx(0.4)
@@ -427,8 +426,9 @@ def northing(session: KeepingSession, now: float) -> float:
 
 
 @pytest.mark.parametrize("stray", [FAR, (HOME[0], HOME[1] - 0.05, HOME[2]), (*HOME[:2], HOME[2] + 5000)])
-def test_one_position_far_off_changes_nothing_and_is_counted(stray: tuple[float, float, float]) -> None:
-    session = following(100.0)
+def test_one_position_far_off_changes_nothing_and_is_counted(
+    session: KeepingSession, stray: tuple[float, float, float]
+) -> None:
     tell(session, position(10.02, *stray), 100.02)
     assert session.navigation.places.strays == 1
     assert abs(northing(session, 100.02)) < 1
@@ -438,16 +438,14 @@ def test_one_position_far_off_changes_nothing_and_is_counted(stray: tuple[float,
     assert session.take_events() == []
 
 
-def test_an_estimator_may_correct_itself_by_some_metres() -> None:
-    session = following(100.0)
+def test_an_estimator_may_correct_itself_by_some_metres(session: KeepingSession) -> None:
     tell(session, position(10.02, *NEAR), 100.02)
     assert northing(session, 100.02) == pytest.approx(55.6, abs=0.1)
     assert session.navigation.places.strays == 0
 
 
-def test_a_position_that_stays_far_off_is_believed_after_half_a_second() -> None:
+def test_a_position_that_stays_far_off_is_believed_after_half_a_second(session: KeepingSession) -> None:
     """A simulator that was moved, or an estimator that was badly wrong."""
-    session = following(100.0)
     for i in range(1, 30):
         now = 0.02 * i
         tell(session, position(10.0 + now, *FAR), 100.0 + now)
@@ -459,8 +457,7 @@ def test_a_position_that_stays_far_off_is_believed_after_half_a_second() -> None
     assert session.counts()["position_jumps"] == 1
 
 
-def test_between_the_two_sides_of_a_jump_there_is_no_pose() -> None:
-    session = following(100.0)
+def test_between_the_two_sides_of_a_jump_there_is_no_pose(session: KeepingSession) -> None:
     for i in range(1, 30):
         now = 0.02 * i
         tell(session, attitude(10.0 + now), 100.0 + now)
@@ -474,8 +471,9 @@ def test_between_the_two_sides_of_a_jump_there_is_no_pose() -> None:
 
 
 @pytest.mark.parametrize(("kind", "autopilot"), [(GCS, NONE), (QUADROTOR, NONE), (GIMBAL, ARDUPILOT), (QUADROTOR, 12)])
-def test_a_heartbeat_with_its_ids_that_is_not_its_own_changes_nothing(kind: int, autopilot: int) -> None:
-    session = following(100.0)
+def test_a_heartbeat_with_its_ids_that_is_not_its_own_changes_nothing(
+    session: KeepingSession, kind: int, autopilot: int
+) -> None:
     before = knowledge(session, 101.0)
     for i in range(70):
         tell(session, heartbeat(kind, autopilot, armed=True), 100.0 + i / 10)
@@ -486,9 +484,8 @@ def test_a_heartbeat_with_its_ids_that_is_not_its_own_changes_nothing(kind: int,
     assert session.lost
 
 
-def test_when_the_vehicle_is_lost_another_autopilot_may_take_its_place() -> None:
+def test_when_the_vehicle_is_lost_another_autopilot_may_take_its_place(session: KeepingSession) -> None:
     """The board was flashed with the other firmware."""
-    session = following(100.0)
     session.poll(106.0)
     tell(session, heartbeat(autopilot=12), 107.0)
     assert (session.vehicle.autopilot, session.lost) == (12, False)
@@ -592,8 +589,7 @@ def test_what_was_heard_when_it_was_another_vehicle() -> None:
     assert (heard.reason, heard.sources) == ("other vehicles", (("heartbeats of quadrotor", 1, 1, 1),))
 
 
-def test_a_vehicle_lost_and_back_is_said_once_each() -> None:
-    session = following(100.0)
+def test_a_vehicle_lost_and_back_is_said_once_each(session: KeepingSession) -> None:
     events: list[Event] = []
     for i in range(500):
         now = 100.0 + i / 10
@@ -608,8 +604,7 @@ def test_a_vehicle_lost_and_back_is_said_once_each() -> None:
     assert back.time_s == 130.0
 
 
-def test_nothing_is_asked_of_a_lost_vehicle() -> None:
-    session = following(100.0)
+def test_nothing_is_asked_of_a_lost_vehicle(session: KeepingSession) -> None:
     for i in range(60):
         session.poll(100.0 + i / 10)
     said = b"".join(session.poll(106.0 + i / 10)[0] for i in range(200))

@@ -101,6 +101,11 @@ def mission(strategy: Callable[[float], Any], **options: Any) -> Told:
     return Told(SearchPlan(strategy, **({"height": 1.0} | options)), 100.0, (0.0, 0.0, -2.0))
 
 
+@pytest.fixture
+def m(strategy: type[Scripted]) -> Told:
+    return mission(strategy)
+
+
 def frame(*channels: Channel) -> Frame:
     return Frame(0, 1, channels or (Channel(),))
 
@@ -196,10 +201,9 @@ def test_a_transmitter_that_moves_is_passed_by_and_looked_at_once_more_at_the_en
 
 @pytest.mark.usefixtures("believed")
 def test_a_place_that_the_newest_readings_contradict_is_looked_for_again_and_in_the_end_not_sure(
-    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+    m: Told, strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
-    m = mission(strategy)
     for n in range(3):
         assert not m.ended
         strategy.finds = Found(2.0 * n, 4.0)
@@ -212,12 +216,11 @@ def test_a_place_that_the_newest_readings_contradict_is_looked_for_again_and_in_
 
 @pytest.mark.usefixtures("believed")
 def test_a_place_that_is_found_again_is_believed_whatever_the_readings_there(
-    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+    m: Told, strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An antenna that is saturated there says nothing of it."""
     monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
     strategy.finds = Found(*AT[:2])
-    m = mission(strategy)
     heard(m, beacon(5, 30), at_s=101.0)
     assert not m.ended
     heard(m, beacon(5, 30), at_s=102.0)
@@ -226,12 +229,11 @@ def test_a_place_that_is_found_again_is_believed_whatever_the_readings_there(
 
 @pytest.mark.usefixtures("believed")
 def test_while_only_the_last_readings_contradict_a_place_it_listens(
-    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+    m: Told, strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = [[False] * 5 + [True], [False] * 4 + [True] * 2, [False] * 3 + [True] * 2 + [False]]
     monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: said.pop(0))
     strategy.finds = Found(*AT[:2])
-    m = mission(strategy)
     assert heard(m, beacon(5, 30), at_s=101.0) == heard(m, beacon(5, 30), at_s=101.1) == STILL
     assert not m.ended
     heard(m, beacon(5, 30), at_s=101.2)
@@ -240,10 +242,9 @@ def test_while_only_the_last_readings_contradict_a_place_it_listens(
 
 @pytest.mark.usefixtures("believed")
 def test_what_is_heard_near_the_ground_may_contradict_the_place_where_it_has_landed(
-    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+    m: Told, strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     strategy.finds = Found(*AT[:2])
-    m = mission(strategy)
     heard(m, beacon(5, 30), at_s=101.0)
     assert in_words(m.ended) == FOUND
     monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
@@ -255,8 +256,7 @@ def test_what_is_heard_near_the_ground_may_contradict_the_place_where_it_has_lan
 # -- whom it goes for --------------------------------------------------------------------------------------
 
 
-def test_a_strategy_is_told_what_the_frames_say_of_its_transmitter_and_where(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_a_strategy_is_told_what_the_frames_say_of_its_transmitter_and_where(m: Told, strategy: type[Scripted]) -> None:
     turned = np.diag([1.0, -1.0, -1.0])
     m.on_frame(frame(beacon(7, 12.34, -15), beacon(3, 40)), 101.0, AT, turned)
     m.on_frame(frame(beacon(7, 2.5, 3, INNER), beacon(3, 40)), 102.0, (1.0, 2.0, 3.0), LEVEL)
@@ -270,8 +270,7 @@ def test_a_strategy_is_told_what_the_frames_say_of_its_transmitter_and_where(str
     assert [o.heard for o in only.heard] == [True, True, False]
 
 
-def test_it_goes_for_the_nearest_and_not_for_another_at_each_whim(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_it_goes_for_the_nearest_and_not_for_another_at_each_whim(m: Told, strategy: type[Scripted]) -> None:
     heard(m, beacon(1, 30), beacon(2, 20), at_s=101.0)
     assert m.choice.target == 2
     heard(m, beacon(1, 15), beacon(2, 20), at_s=102.0)
@@ -294,8 +293,7 @@ def test_it_goes_for_the_nearest_and_not_for_another_at_each_whim(strategy: type
     assert choices == [(2, 20.0), (1, 13.0)]
 
 
-def test_a_new_strategy_is_told_all_that_was_heard_of_its_transmitter(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_a_new_strategy_is_told_all_that_was_heard_of_its_transmitter(m: Told, strategy: type[Scripted]) -> None:
     for n, d in enumerate([40, 30, 20, 10]):
         heard(m, beacon(1, 35), beacon(2, d), at_s=101.0 + n)
     first, second = strategy.made
@@ -303,8 +301,7 @@ def test_a_new_strategy_is_told_all_that_was_heard_of_its_transmitter(strategy: 
     assert [o.d_cm for o in second.heard] == [4000, 3000, 2000, 1000]
 
 
-def test_no_more_is_remembered_than_has_to_be(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_no_more_is_remembered_than_has_to_be(m: Told) -> None:
     for n in range(1000):
         heard(m, *(beacon((n + k) % 250, 20) for k in range(4)), at_s=101.0 + n)
     assert len(m.choice.heard) == 16
@@ -314,8 +311,7 @@ def test_no_more_is_remembered_than_has_to_be(strategy: type[Scripted]) -> None:
     assert len(record.past) == 256
 
 
-def test_frames_without_numbers_are_of_one_transmitter_the_nearest(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_frames_without_numbers_are_of_one_transmitter_the_nearest(m: Told, strategy: type[Scripted]) -> None:
     heard(m, beacon(None, 9, 10), beacon(None, 30, 20), at_s=101.0)
     heard(m, beacon(None, 31, 20), beacon(None, 8, 11), at_s=102.0)
     assert m.choice.target == NO_ID
@@ -324,8 +320,7 @@ def test_frames_without_numbers_are_of_one_transmitter_the_nearest(strategy: typ
     assert [(event.transmitter, event.distance_m) for event in chosen][-1:] == [(None, 9.0)]
 
 
-def test_two_frames_at_once_are_two(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_two_frames_at_once_are_two(m: Told, strategy: type[Scripted]) -> None:
     m.on_frame(frame(beacon(1, 20)), 101.0, AT, LEVEL)
     m.on_frame(frame(beacon(2, 40)), 101.0, AT, LEVEL)
     assert [o.d_cm for o in strategy.made[0].heard] == [2000, -1]
@@ -381,8 +376,7 @@ def test_a_transmitter_lost_before_it_came_nearer_is_put_off_too(strategy: type[
 
 
 @pytest.mark.usefixtures("believed")
-def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_the_other_victim_is_reported_with_its_nearest_place(m: Told, strategy: type[Scripted]) -> None:
     heard(m, beacon(1, 20), beacon(2, 40), at_s=101.0, position=(1.0, 1.0, -1.0))
     heard(m, beacon(1, 10), beacon(2, 35), at_s=102.0, position=(2.0, 2.0, -1.0))
     heard(m, beacon(1, 10), beacon(2, 45), at_s=103.0, position=(3.0, 3.0, -1.0))
@@ -397,8 +391,7 @@ def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scri
     assert m.progress.searched_s == pytest.approx(4.0)
 
 
-def test_frames_that_hear_nothing_are_no_signal(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_frames_that_hear_nothing_are_no_signal(m: Told) -> None:
     nothing = [Channel(), Channel(4, MID, 0, 0), Channel(5, MID, -1, -1), Channel(6, MID, -500, 10)]
     heard(m, *nothing, at_s=101.0)
     assert (m.choice.target, m.choice.heard, m.progress.frames) == (None, {}, 1)
@@ -407,8 +400,7 @@ def test_frames_that_hear_nothing_are_no_signal(strategy: type[Scripted]) -> Non
 # -- frames stop -------------------------------------------------------------------------------------------
 
 
-def test_without_frames_it_hovers_and_goes_on_when_they_are_back(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_without_frames_it_hovers_and_goes_on_when_they_are_back(m: Told) -> None:
     heard(m, beacon(1, 20), at_s=101.0)
     m.news()
     assert m.fly(103.0, AT)[:2] == NORTH
@@ -448,8 +440,7 @@ def test_far_outside_its_area_is_no_place_for_a_search(strategy: type[Scripted],
 
 
 @pytest.mark.parametrize("found", [Found(math.nan, 0.0), Found(0.0, math.inf)])
-def test_a_place_that_is_no_number_is_not_found(strategy: type[Scripted], found: Found) -> None:
-    m = mission(strategy)
+def test_a_place_that_is_no_number_is_not_found(m: Told, strategy: type[Scripted], found: Found) -> None:
     strategy.finds = found
     assert heard(m, beacon(1, 20), at_s=101.0) == NORTH
     assert (in_words(m.ended), m.found) == ("", None)
@@ -487,11 +478,12 @@ def test_what_is_flown_is_finite_and_not_faster_than_planned(north: float, east:
 
 
 @pytest.mark.parametrize("where", ["__init__", "hear", "velocity", "found"])
-def test_a_strategy_that_fails_ends_the_search_and_not_the_flight(strategy: type[Scripted], where: str) -> None:
+def test_a_strategy_that_fails_ends_the_search_and_not_the_flight(
+    m: Told, strategy: type[Scripted], where: str
+) -> None:
     def fail(*_: object) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    m = mission(strategy)
     setattr(strategy, where, property(fail) if where == "found" else fail)
     assert heard(m, beacon(1, 20), at_s=101.0) == STILL
     assert in_words(m.ended).startswith("the strategy has failed: LinAlgError('Singular matrix') (test_mission.py:")
@@ -526,8 +518,7 @@ def test_time_may_go_anywhere(steps: list[tuple[float, bool, int]]) -> None:
 
 
 @pytest.mark.usefixtures("believed")
-def test_it_ends_above_the_place_found_wherever_that_was_found_from(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_it_ends_above_the_place_found_wherever_that_was_found_from(m: Told, strategy: type[Scripted]) -> None:
     strategy.finds = Found(3.0, 4.0)
     assert heard(m, beacon(1, 5), at_s=101.0, position=(0.0, 0.0, -1.0)) == pytest.approx((0.6, 0.8))
     assert in_words(m.ended) == ""
@@ -547,8 +538,7 @@ def test_a_place_found_that_is_not_reached_ends_at_the_limit(strategy: type[Scri
     assert in_words(m.ended) == FOUND
 
 
-def test_a_place_that_the_readings_do_not_agree_with_is_not_sure(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_a_place_that_the_readings_do_not_agree_with_is_not_sure(m: Told, strategy: type[Scripted]) -> None:
     for k in range(10):
         heard(m, beacon(1, 20 - k), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))  # it lies 20 m north
     strategy.finds = Found(9.0, 0.0)
@@ -612,12 +602,11 @@ def test_what_does_not_land_is_over_at_once(strategy: type[Scripted]) -> None:
 # -- the receiver is not where the vehicle is --------------------------------------------------------------
 
 
-def test_the_receiver_is_flown_to_the_signal_and_the_vehicle_to_the_victim(strategy: type[Scripted]) -> None:
+def test_the_receiver_is_flown_to_the_signal_and_the_vehicle_to_the_victim(m: Told, strategy: type[Scripted]) -> None:
     def velocity(self: Scripted, time_s: float, position: Position) -> Velocity:
         return position[0] / 10, position[1] / 10
 
     strategy.velocity = velocity
-    m = mission(strategy)
     m.on_frame(frame(beacon(1, 20)), 101.0, AT, LEVEL)
     assert m.fly(101.0, AT, receiver=(5.0, 6.0, -1.0))[:2] == pytest.approx((0.5, 0.6))
     strategy.finds = Found(3.0, 4.0)
@@ -629,8 +618,7 @@ def test_the_receiver_is_flown_to_the_signal_and_the_vehicle_to_the_victim(strat
 # -- a receiver that says the same -------------------------------------------------------------------------
 
 
-def test_a_reading_that_never_changes_is_not_flown_by(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_a_reading_that_never_changes_is_not_flown_by(m: Told) -> None:
     for k in range(4):
         assert heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0)) == NORTH
     m.news()
@@ -643,9 +631,8 @@ def test_a_reading_that_never_changes_is_not_flown_by(strategy: type[Scripted]) 
     assert (in_words(m.ended), m.broken) == ("the receiver repeats the same reading: it is stuck", True)
 
 
-def test_what_the_receiver_says_again_elsewhere_tells_the_strategy_nothing(strategy: type[Scripted]) -> None:
+def test_what_the_receiver_says_again_elsewhere_tells_the_strategy_nothing(m: Told, strategy: type[Scripted]) -> None:
     """So nothing is found by it, and what was found is not judged by it."""
-    m = mission(strategy)
     heard(m, beacon(1, 9, 20), at_s=101.0, position=(0.0, 0.0, -1.0))
     strategy.finds = Found(3.0, 4.0)
     for k in range(1, 3):
@@ -659,10 +646,9 @@ def test_what_the_receiver_says_again_elsewhere_tells_the_strategy_nothing(strat
 
 
 def test_a_reading_said_again_elsewhere_tells_nothing_though_another_transmitter_s_changes(
-    strategy: type[Scripted],
+    m: Told, strategy: type[Scripted]
 ) -> None:
     """Nor is that transmitter told as silent."""
-    m = mission(strategy)
     for k in range(4):
         heard(m, beacon(1, 9, 20), beacon(2, 30 - k, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))
     (told,) = strategy.made
@@ -672,8 +658,7 @@ def test_a_reading_said_again_elsewhere_tells_nothing_though_another_transmitter
     assert m.choice.heard[2].last_m == 26.0
 
 
-def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(strategy: type[Scripted]) -> None:
-    m = mission(strategy)
+def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(m: Told) -> None:
     for k in range(6):
         heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))
     for k in range(20):
