@@ -274,9 +274,9 @@ class SearchClient:
             self._finish("failed", *why, alone)
 
     def _finish(self, kind: Kind, *how: Reason) -> None:
-        mission = self.mission
+        mission, origin = self.mission, self.origin
         self._commander.let_go()
         if self.outcome is not None:
             return
         self._flight.report_place(self._line.empty_s, searching=False)
-        self.outcome = outcome_of(mission, self.origin, kind, how) if mission else Outcome(kind, how)
+        self.outcome = outcome_of(mission, origin, kind, how) if mission and origin else Outcome(kind, how)

@@ -23,6 +23,7 @@ from arva_hil.events.searches import ReceiverGone
 from arva_hil.links import Link, LinkError, Sender
 from arva_hil.mavlink.codec import Packet, tunnel
 from arva_hil.runtime.link_monitor import LinkMonitor
+from arva_hil.search.mission.choice import SILENT_S
 from arva_hil.search.mission.victims import ReceiverHost
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_tunnel import TeamTunnel, payload_of
@@ -128,7 +129,6 @@ class NewFrames:
         return True
 
 
-_SILENT_S: Final = 2.0  # after this time without a frame the receiver is lost
 _MOST_READS: Final = 64
 _SHOWN: Final = 16  # report so many bytes, if there is no frame in them
 
@@ -177,7 +177,7 @@ class ReceiverLink:
                 break
             self._decoder.feed(self._read(now), now)
 
-    def silent(self, now: float, limit_s: float = _SILENT_S) -> bool:
+    def silent(self, now: float, limit_s: float = SILENT_S) -> bool:
         return now - self._last_s > limit_s
 
     def why_silent(self, now: float) -> Reason:

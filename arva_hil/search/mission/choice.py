@@ -26,11 +26,12 @@ from arva_hil.events.searches import (
 from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Order, Worker, silent
 from arva_hil.search.strategies.history import Track
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
+from arva_hil.search.team.team import THERE_M
 from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Channel, Frame, LevelChannel, VectorChannel
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
 
-_SILENT_S: Final = 2.0  # without a frame: the receiver does not work, hover
+SILENT_S: Final = 2.0  # without a frame: the receiver does not work, hover
 _SAME_FRAMES: Final = 3  # at least
 _OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance
 _OLD: Final = 0.1  # or this share of d, because far from a transmitter a reading changes little
@@ -116,12 +117,12 @@ class Pauses:
     def waits(self, time_s: float) -> bool:
         """Return True if the search hovers because the receiver does not work."""
         before, stuck = self._why, self.readings.whole.stuck
-        silent = time_s - self._last_frame_s > _SILENT_S
+        silent = time_s - self._last_frame_s > SILENT_S
         why: PauseReason | None = "same readings" if stuck else None
         self._why = why = "no frame" if silent else why
         if why and why != before:
             self._since_s = time_s
-            self._emit(SearchPaused(time_s, why, _SILENT_S, round(self.readings.whole.moved_m, 1)))
+            self._emit(SearchPaused(time_s, why, SILENT_S, round(self.readings.whole.moved_m, 1)))
         elif before and not why:
             self._emit(SearchResumed(time_s, before))
         return why is not None
@@ -257,7 +258,6 @@ class HeardTransmitter:
 
 
 LONG_S: Final = 240.0  # limit for one transmitter, while others or strips are left
-_THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
 
 
 class PutAside:
@@ -294,7 +294,7 @@ class PutAside:
         there = {id_: heard.nearest_at for id_, heard in others.items() if id_ not in past}
         while there:
             id_ = min(there, key=lambda id_: math.dist(there[id_], position[:2]))
-            if math.dist(there[id_], position[:2]) > _THERE_M:
+            if math.dist(there[id_], position[:2]) > THERE_M:
                 return there[id_]
             self._visited.add(id_)
             del there[id_]

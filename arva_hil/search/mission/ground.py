@@ -20,6 +20,7 @@ from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.events.searches import HeightOrigin, HeightSource, SensorsDisagree, TooLow
 from arva_hil.search.mission.height_sensors import (
+    AT_REST_M_S,
     FRESH_S,
     Distance,
     HeightSamples,
@@ -52,7 +53,6 @@ _ERRORS_M: Final = {"altitude": 4.0, "barometer": 2.0, "GPS": 4.0}  # without th
 _WEATHER: Final = 0.01  # m/s: the drift of the barometer
 _CLEARANCE_OFF_M: Final = 3.0
 _LONG_S: Final = 15.0  # end the search after this time of disagreement
-_AT_REST_M_S: Final = 0.1  # of vertical speed
 _CONTACT_M: Final = 0.4  # ordered descent at rest: the vehicle is on the ground
 
 
@@ -120,7 +120,7 @@ class _Motion:
         elif (silent or self.silent) and abs(by_position - climbed) <= _ASTRAY_M:
             climbed = by_position
         self._climbs = -sinks
-        rests = ordered > 2 * _AT_REST_M_S and abs(sinks) < _AT_REST_M_S
+        rests = ordered > 2 * AT_REST_M_S and abs(sinks) < AT_REST_M_S
         self.stalled = self.stalled + ordered * dt if rests else 0.0
         self._last = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
         return self._last

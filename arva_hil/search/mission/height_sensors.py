@@ -224,7 +224,7 @@ _HANDLERS: Final = {
 _WINDOW_S: Final = 2.0
 _STEEPEST: Final = 1.0  # the steepest slope of the ground, except for steps within the tolerance
 _SILENT_S: Final = 10.0  # after this time without a sample, lower ground is not accepted
-_AT_REST_M_S: Final = 0.1  # below this speed the ground has no steps
+AT_REST_M_S: Final = 0.1  # below this speed the ground has no steps
 _NOTED_S: Final = 3.0  # report a possible step for this time
 _FORGET: Final = 0.2  # a step up, which may end with a step down, is forgotten at this rate: m per m of flight
 _STUCK_M: Final = 0.5  # climb or descent with one repeated value: the rangefinder is stuck
@@ -367,7 +367,7 @@ class RangeCheck:
                 most, step = excess, was - ground
         if most > 0:
             self._offset += step
-            lasts = motion.speed < _AT_REST_M_S and abs(self._offset) > 2 * self._tolerance
+            lasts = motion.speed < AT_REST_M_S and abs(self._offset) > 2 * self._tolerance
             self._contradict(motion, metres, metres - step, lasts=lasts)
             past.clear()
         past.append((motion, ground))

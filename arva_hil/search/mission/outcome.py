@@ -93,19 +93,16 @@ def conclusion(mission: Mission) -> tuple[Kind, Reason]:
     return "failed" if mission.broken else "not found", mission.ended
 
 
-def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tuple[Reason, ...]) -> Outcome:
+def outcome_of(mission: Mission, origin: LocalFrame, kind: Kind, how: tuple[Reason, ...]) -> Outcome:
     """Return the outcome. `origin`: the take-off point."""
     id_, found, victims = mission.choice.target, mission.found, probing_order(mission.victims.places)
     if mission.victims.several:
         id_, found = (victims[0].id, victims[0].found) if victims else (None, None)
-    lat_lon, take_off = None, None
-    if origin is not None:
-        take_off = lla(origin, 0.0, 0.0, 0.0)
-        lat_lon = None if found is None else lla(origin, found.north, found.east, found.down or 0.0)[:2]
     done, others = mission.progress, tuple(mission.others.items())
     flown = done.searched_s, done.path_m, done.frames
-    from_drone = None
+    lat_lon = from_drone = None
     if found is not None:
+        lat_lon = lla(origin, found.north, found.east, found.down or 0.0)[:2]
         north, east, _ = done.position
         from_drone = found.goal[0] - north, found.goal[1] - east
     return Outcome(
@@ -114,7 +111,7 @@ def outcome_of(mission: Mission, origin: LocalFrame | None, kind: Kind, how: tup
         id_,
         found,
         lat_lon,
-        take_off,
+        lla(origin, 0.0, 0.0, 0.0),
         *flown,
         others,
         victims,

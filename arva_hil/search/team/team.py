@@ -54,7 +54,7 @@ _EVERY_S: Final = 0.2  # period of its reports
 _OLD_S: Final = 5.0  # after this silence, a search's transmitter and part of the area are free again
 _ABSENT_S: Final = 60.0  # after its own first news: the parts of searches that sent nothing are free
 _MUCH_NEARER: Final = 0.5  # a search at this share of the distance gets the transmitter
-_THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
+THERE_M: Final = 2.0  # radius about a place at which a transmitter was received
 _OUTSIDE_M: Final = 20.0  # limit outside of the area: other vehicles neither push nor send it farther
 
 
@@ -226,7 +226,7 @@ class Teammate:
         self._visited |= {
             id_
             for id_, place in places.items()
-            if math.dist(place, position[:2]) < _THERE_M or self.bars(place, position)
+            if math.dist(place, position[:2]) < THERE_M or self.bars(place, position)
         }
         pairs = sorted((math.dist(at, places[id_]), number, id_) for number, at in free.items() for id_ in places)
         pairs = [pair for pair in pairs if pair[1] != self.number or pair[2] not in self._visited]
