@@ -222,6 +222,16 @@ def test_never_too_fast(north: float, east: float, late_s: float, speed: float) 
     assert math.hypot(*seeker.velocity(29 + late_s, (north, east, -1.0))) <= speed * (1 + 1e-9)
 
 
+def test_its_circle_drifts_to_a_far_minimum_no_faster_than_it_can_follow() -> None:
+    """The minimum is 40 m north."""
+    seeker, drifts = Extremum(1.0), []
+    for k in range(60):
+        north, east = 3 * math.cos(0.25 * k), 3 * math.sin(0.25 * k)
+        seeker.observe(reading(k, math.hypot(40 - north, east), north=north, east=east))
+        drifts.append(math.hypot(*seeker._drift))
+    assert max(drifts) == pytest.approx(0.8)
+
+
 def test_goes_back_to_where_it_was_heard_best() -> None:
     seeker = Extremum(1.0)
     for k, d in enumerate([30, 29, 31, 20, 45]):
