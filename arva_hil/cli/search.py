@@ -27,8 +27,8 @@ from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.sentences import sentence
 from arva_hil.events.words.text import Notice
 from arva_hil.links import Link
+from arva_hil.links.memory import SharedLink
 from arva_hil.links.reconnecting import open_reconnecting
-from arva_hil.links.shared import SharedLink
 from arva_hil.mavlink.signing import Signing
 from arva_hil.observers.console import Printer
 from arva_hil.observers.ground_station import GroundStation

@@ -11,7 +11,7 @@ from arva_hil.config.display import parse_law
 from arva_hil.emulator.build import receiver, transmitters, vehicle_noise
 from arva_hil.model.field import LocalFrame
 from arva_hil.model.receiver import Look, Pose, Reading
-from arva_hil.model.receiver.pulsed_options import PulsedOptions
+from arva_hil.model.receiver.display import PulsedOptions
 from tests.every import every
 from tests.made_records import HOME, pose_at
 

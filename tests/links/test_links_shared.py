@@ -7,8 +7,8 @@ from contextlib import closing
 
 import pytest
 
-from arva_hil.links import LinkError, memory, shared
-from arva_hil.links.shared import SharedLink
+from arva_hil.links import LinkError, memory
+from arva_hil.links.memory import SharedLink
 from arva_hil.links.udp import UdpInLink
 
 
@@ -28,7 +28,7 @@ def test_each_user_reads_everything_once_and_writes_go_out() -> None:
 
 
 def test_who_does_not_read_fills_no_memory_and_takes_nothing_from_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared, "_MOST", 100)
+    monkeypatch.setattr(memory, "_MOST", 100)
     near, far = memory.pair()
     link = SharedLink(near)
     reads, sleeps = link.user(), link.user()

@@ -15,10 +15,9 @@ from scipy.spatial.transform import Rotation
 from arva_hil.model.field import Transmitters
 from arva_hil.model.field.keying import Keying
 from arva_hil.model.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
-from arva_hil.model.receiver.display import Display, Shown
+from arva_hil.model.receiver.display import Display, PulsedOptions, Shown
 from arva_hil.model.receiver.listening import SeparatedPulse
 from arva_hil.model.receiver.pulsed import PulseTrack
-from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from tests.every import every
 from tools.figures.hovering import PAPER, Hovering, transmitters
 

@@ -13,9 +13,8 @@ from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keying
 from arva_hil.model.field.medium import Medium
 from arva_hil.model.receiver import Answer
-from arva_hil.model.receiver.display import Display
+from arva_hil.model.receiver.display import Display, PulsedOptions
 from arva_hil.model.receiver.listening import normals
-from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from tools.figures.hovering import Hovering, transmitters
 
 Array = NDArray[np.float64]

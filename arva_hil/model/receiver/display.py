@@ -1,15 +1,98 @@
-"""The display of a receiver: threshold, zones, steps of d, arrows."""
+"""Receivers that listen to pulses: their keys, and their display with its threshold, zones, steps of d and arrows.
+
+Sources of the defaults: docs/explanation/pulsed.md.
+"""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Final
+from itertools import pairwise
+from typing import Annotated, Final, Literal
 
-from arva_hil.model.receiver.paper import near, output
-from arva_hil.model.receiver.pulsed_options import PulsedOptions
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from arva_hil.model.receiver.paper import distance, near, output
 from arva_hil.model.receiver.reading import Vector, Zone
+
+_REFERENCE_M: Final = 10.0  # the norm's distance
+_NA_PER_UA: Final = 1e3
+
+Frames = Literal["rate", "pulses"]
+Steps = Literal["digits", "cm"]
+NearDirection = Literal["zero", "frozen"]
+
+
+@dataclass(frozen=True)
+class PulsedOptions:
+    """The keys of `model: pulsed` besides those of every receiver. Raises ValueError for contradictory values."""
+
+    reference_ua_m: Annotated[
+        float, Gt(0), Le(1000), "field on the axis of the transmitter of strength 1, at 10 m [µA/m]"
+    ] = 1.0
+    noise_na_m: Annotated[
+        float | None, Ge(0), "standard deviation of each antenna and pulse [nA/m]; default: by noise.floor_range_m"
+    ] = None
+    threshold_na_m: Annotated[float, Gt(0), "a weaker pulse is not received [nA/m]"] = 2.25
+    antennas: Annotated[Literal[1, 2, 3], "1: x; 2: x, y; 3: also z near by"] = 3
+    third_within_m: Annotated[float, Ge(0), "the third antenna counts up to this distance [m]"] = 3.0
+    gains: Annotated[tuple[float, float, float], "of the antennas x, y and z; 0 is a dead one"] = (1.0, 1.0, 1.0)
+    carrier_db: Annotated[
+        tuple[tuple[float, float], ...], "own sensitivity over the carrier's offset: [[Hz, dB], …], linear between"
+    ] = ()
+    saturation_na_m: Annotated[float | None, Gt(0), "upper limit of each antenna [nA/m]"] = None
+    start_s: Annotated[float, Ge(0), "from switching on until it receives [s]"] = 3.0
+    steps: Annotated[Steps, "of d: digits is 0.1 m below 10 m, then 1 m, up to 99 m; or cm, up to 327.67 m"] = "digits"
+    lowest_m: Annotated[float, Ge(0), Le(99), "the lowest d [m]"] = 0.0
+    directions: Annotated[int, Ge(0), Le(180), "number of arrows from −90° to 90°; 0: whole degrees"] = 0
+    near_direction: Annotated[NearDirection, "δ where the third antenna counts: 0, or the last one"] = "zero"
+    frames: Annotated[Frames, "at rate_hz, or one a received pulse and at least rate_hz"] = "rate"
+    lag_s: Annotated[float, Ge(0), Le(10), "the display is so late [s]"] = 0.0
+    mark_within_m: Annotated[float, Ge(0), "a transmitter farther away cannot be marked [m]"] = 6.0
+    self_test_m: Annotated[
+        float | None, Gt(0), "its self-test fails when it starts nearer to a transmitter, or beside electronics [m]"
+    ] = None
+    revert_s: Annotated[float | None, Gt(0), "after this time without motion it sends instead of searching [s]"] = None
+
+    def __post_init__(self) -> None:
+        if not all(0 <= gain <= 1 for gain in self.gains) or not any(self.gains):
+            raise ValueError(f"gains {list(self.gains)}: expected three values in [0, 1], at least one above 0")
+        offsets = [hertz for hertz, _ in self.carrier_db]
+        if any(b <= a for a, b in pairwise(offsets)) or any(decibels > 0 for _, decibels in self.carrier_db):
+            raise ValueError(f"carrier_db {[list(one) for one in self.carrier_db]}: expected Hz that rise, dB up to 0")
+        if self.saturation_na_m is not None and self.saturation_na_m <= self.threshold_na_m:
+            raise ValueError(
+                f"saturation_na_m {self.saturation_na_m:g}: expected above threshold_na_m ({self.threshold_na_m:g})"
+            )
+
+    @property
+    def scale_na_m(self) -> float:
+        """The field [nA/m] that is 1 in units of the reference transmitter (1 / 2π on its axis at 1 m)."""
+        return self.reference_ua_m * _NA_PER_UA * 2 * math.pi * _REFERENCE_M**3
+
+    def carrier_gain(self, offset_hz: float) -> float:
+        """Return the gain for a carrier so far from 457 kHz."""
+        if not self.carrier_db:
+            return 1.0
+        hertz, decibels = zip(*self.carrier_db, strict=True)
+        return float(10 ** (np.interp(offset_hz, hertz, decibels) / 20))
+
+    def sigma_na_m(self, floor_range_m: float) -> float:
+        """Return the noise of each antenna: `noise_na_m`, or a third of the reference transmitter's field.
+
+        The paper's noise has a uniform magnitude up to that field, and any direction. So the root mean square of a
+        component is a third of that field.
+        """
+        if self.noise_na_m is not None:
+            return self.noise_na_m
+        return self.reference_ua_m * _NA_PER_UA * (_REFERENCE_M / floor_range_m) ** 3 / 3
+
+    def range_m(self, kappa_eq: float) -> float:
+        """Return the d [m] of a signal at the threshold."""
+        return float(distance(self.threshold_na_m / self.scale_na_m, kappa_eq))  # type: ignore[arg-type]
+
 
 _LARGEST_CM: Final = {"digits": 9900, "cm": 32767}  # two digits; what frames can carry
 
