@@ -215,7 +215,7 @@ class Anything(Constraint):
 class Numbers(Constraint):
     """A list of numbers, one for each constraint; a tuple in Python.
 
-    `fits`: False for numbers that do not fit together; `expected`: those that do, in words.
+    `fits`: returns False for numbers that do not fit together; `expected`: those that do, in words.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class Numbers(Constraint):
         *each: Number | Whole,
         unit: str = "",
         names: str = "",
-        fits: Callable[[tuple[Any, ...]], bool] = lambda values: True,
+        fits: Callable[[tuple[Any, ...]], bool] | None = None,
         expected: str = "",
     ) -> None:
         self.each = each
@@ -247,7 +247,7 @@ class Numbers(Constraint):
         values, violations = read_each(value, [one.read for one in self.each])
         if violations:
             raise ConstraintError(*violations)
-        if not self.fits(tuple(values)):
+        if self.fits and not self.fits(tuple(values)):
             raise wrong(self.expected, f"[{', '.join(f'{one:g}' for one in values)}]")
         return tuple(values)
 

@@ -85,11 +85,6 @@ def value_of(node: Node, spec: int) -> Value:
     return _KINDS[type(node).__name__](node, spec)
 
 
-def spec_of(value: Any) -> int:
-    """Return the spec of the file that a value is from; values of Python are of the newest."""
-    return getattr(value, "spec", NEWEST_SPEC)
-
-
 def folder_of(value: Any) -> str:
     """Return the folder of the file that a scalar is from, "" for others."""
     return os.path.dirname(value.file) if isinstance(value, Scalar) else ""

@@ -261,9 +261,10 @@ def _node(top: Value, path: Iterable[str | int], *, at_key: bool) -> yaml.Node:
 def _spec(problems: Problems, root: yaml.Node, newest: int) -> int:
     """Return the spec of a file. Raises ScenarioError when it is newer than the program."""
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
-    node = next((one for key, one in pairs if isinstance(key, yaml.ScalarNode) and key.value == "spec"), None)
-    if node is None:
+    every = [value for key, value in pairs if isinstance(key, yaml.ScalarNode) and key.value == "spec"]
+    if not every:
         return 1
+    node = every[0]
     spec = whole(Scalar(node))
     if spec is not None and spec > newest:
         problems.found.clear()  # a newer program may accept the other mistakes

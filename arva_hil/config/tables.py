@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform, get_args
 
 from arva_hil.config.constraints import Anything, Constraint, Named, Word
 from arva_hil.config.errors import ConstraintError, Violation, any_of, short
-from arva_hil.config.nodes import spec_of
+from arva_hil.config.nodes import NEWEST_SPEC
 from arva_hil.config.own_options import own_keys, required_keys
 from arva_hil.errors import nearest
 
@@ -188,7 +188,7 @@ class TableOf(Constraint):
         cls = self.table
         if isinstance(value, cls):
             return value
-        known = _constraints(cls, spec_of(value))
+        known = _constraints(cls, getattr(value, "spec", NEWEST_SPEC))  # values of Python are of the newest
         if not isinstance(value, Mapping):
             near = next((f"{{{name}: {value}}}" for name, one in known.items() if _is_word(one, value)), None)
             raise ConstraintError(Violation(f"a mapping with {', '.join(known)}", nearest=near))
