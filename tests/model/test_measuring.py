@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field.keying import Keying
 from arva_hil.model.receiver import Answer, Zone
-from tools.figures.hovering import Hovering, transmitters
+from tools.figures.sets import Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25, carrier_hz=12.0)
 SCALE = 2e6 * math.pi  # nA/m of the reference transmitter's field of 1

@@ -19,7 +19,7 @@ from arva_hil.model.receiver.display import Display, PulsedOptions, Shown
 from arva_hil.model.receiver.listening import SeparatedPulse
 from arva_hil.model.receiver.pulsed import PulseTrack
 from tests.every import every
-from tools.figures.hovering import PAPER, Hovering, transmitters
+from tools.figures.sets import PAPER, Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25)
 OTHER = Keying(0.83, 0.08, 0.6, carrier_hz=40.0)

@@ -1,4 +1,4 @@
-"""Commands beside others: live and over recorded streams beside pymavlink's reader, starts beside `import numpy`.
+"""Live and recorded streams beside pymavlink's reader, starts beside `import numpy`, closed loops beside real time.
 
 A recorded stream becomes a pose track, or is replayed. Times are the least of several.
 """
@@ -6,18 +6,22 @@ A recorded stream becomes a pose track, or is replayed. Times are the least of s
 from __future__ import annotations
 
 import argparse
+import gc
 import resource
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
+from arva_hil import config
 from arva_hil.autopilot.following.session import Session
+from arva_hil.campaign.trial import Trial, fly
 from arva_hil.links.tlog import TlogReader
 from tools.bench.stream import playing
-from tools.bench.table import Row, ratio
-from tools.bench.timing import once
+from tools.bench.table import Row, once, ratio
 
 COMMAND: Final = [sys.executable, "-m", "arva_hil"]
 _TURNS: Final = 4  # ours and the peer's in turn, so that both have the same load of the machine
@@ -117,6 +121,29 @@ def streams(options: argparse.Namespace) -> Iterator[Row]:
     yield ratio(
         "whole replay of a recorded flight, start-up included", "mavutil, only reading it", replay, reading, "s", 0.6
     )
+
+
+_REACH: Final = {"flux": 500.0, "estimate": 300.0}
+_CONFIGS: Final = Path(__file__).parents[2] / "configs"
+
+
+def closed_loop(strategy: str, trials: int) -> float:
+    """Return the seconds searched in a second of one core, over the paper's cases; the take-off does not count."""
+    cases = [config.load(str(_CONFIGS / f"paper_case_{case}.yaml")) for case in (1, 2, 3, 4)]
+    fly(Trial(strategy, cases[0]))
+    gc.freeze()  # as the processes of a campaign do
+    start, flown = time.process_time(), 0.0
+    for seed in range(trials):
+        flown += fly(Trial(strategy, replace(cases[seed % 4], seed=seed))).time_s
+    return flown / (time.process_time() - start)
+
+
+def loops(_: argparse.Namespace) -> Iterator[Row]:
+    for strategy, reach in _REACH.items():
+        speed = max(closed_loop(strategy, 8) for _ in range(3))
+        yield Row(
+            f"closed loop ({strategy}), one core", "real time", 1 / speed, 1.0, "s a second", 1 / speed, 1 / reach
+        )
 
 
 def cpu_of_command(command: Sequence[str], times: int = 5) -> float:

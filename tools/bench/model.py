@@ -17,8 +17,7 @@ from arva_hil.model.field import Transmitters, dipole_field
 from arva_hil.model.receiver import Antennas, Look, PaperReceiver, Pose
 from arva_hil.model.receiver.maps import readings
 from firmware_proto import encode
-from tools.bench.table import Row, ratio
-from tools.bench.timing import cpu_of, wall_of
+from tools.bench.table import Row, cpu_of, ratio, wall_of
 
 MANY = 1_000_000
 SINGLE = 5_000

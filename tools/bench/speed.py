@@ -29,9 +29,7 @@ def _rows(module: str, function: str, options: argparse.Namespace) -> Iterator[R
 
 _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "model": partial(_rows, "model", "rows"),
-    **{name: partial(_rows, "commands", name) for name in ("streams", "live")},
-    "loops": partial(_rows, "loops", "rows"),
-    "starts": partial(_rows, "commands", "starts"),
+    **{name: partial(_rows, "commands", name) for name in ("streams", "live", "loops", "starts")},
     "fleet": partial(_rows, "fleet", "rows"),
 }
 _LEAST_S = 5.0  # shortest live flight, without its start

@@ -1,4 +1,7 @@
-"""The rows of the benchmark: printed as a table, written as JSON, compared with those of another run."""
+"""The rows of the benchmark: measured, printed as a table, written as JSON, compared with those of another run.
+
+Times are the least of several, because others use the machine too.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -106,3 +110,19 @@ def slower(rows: Iterable[Row], before: dict[str, Row]) -> list[str]:
     """Return the slower rows, in words."""
     pairs = [(row, before[row.work]) for row in rows if row.work in before]
     return [f"{row.work}: {row.cost:.3g}, before {old.cost:.3g}" for row, old in pairs if row.cost > _SLOWER * old.cost]
+
+
+def cpu_of(work: Callable[[], object], times: int = 3) -> float:
+    """Return the CPU seconds of a function in this process."""
+    return min(once(work, time.process_time) for _ in range(times))
+
+
+def wall_of(work: Callable[[], object], times: int = 3) -> float:
+    """Return the wall time [s] of work on several cores."""
+    return min(once(work, time.perf_counter) for _ in range(times))
+
+
+def once(work: Callable[[], object], clock: Callable[[], float]) -> float:
+    start = clock()
+    work()
+    return clock() - start

@@ -22,8 +22,22 @@ from arva_hil.model.field.vehicle_noise import VehicleNoise
 from arva_hil.model.receiver import Answer, Look, Pose
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.paper import Antennas, PaperReceiver, draw_noise, noise_bound
-from tools.figures.hovering import PAPER, Hovering, transmitters
-from tools.figures.sets import AXIS, EQUATOR, KAPPA_EQ, field, highest, novice, options, overlap, reach, sets, shown_at
+from tools.figures.sets import (
+    AXIS,
+    EQUATOR,
+    KAPPA_EQ,
+    PAPER,
+    Hovering,
+    field,
+    highest,
+    novice,
+    options,
+    overlap,
+    reach,
+    sets,
+    shown_at,
+    transmitters,
+)
 
 NORM: Final = "EN 300 718-1 as quoted [S2][S3][S4]"
 EN_282: Final = "EN 282:1991 [S1]"
