@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.model.field.keying import KEYING_CLASSES, Keying, draw_keying, outside_norm
-from arva_hil.model.field.pulse_timeline import PulseTimeline
+from arva_hil.model.field.keying import KEYING_CLASSES, Keying, PulseTimeline, draw_keying, outside_norm
 
 MODERN = draw_keying(KEYING_CLASSES["modern"], 1, 1)
 

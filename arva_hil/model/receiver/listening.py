@@ -16,9 +16,8 @@ from typing import ClassVar, Final, NamedTuple, Self
 import numpy as np
 
 from arva_hil.model.field.dipole import one_field
-from arva_hil.model.field.keying import KEYING_CLASSES, Keying, draw_keying
+from arva_hil.model.field.keying import KEYING_CLASSES, Keying, PulseTimeline, SentPulse, draw_keying
 from arva_hil.model.field.medium import AIR
-from arva_hil.model.field.pulse_timeline import PulseTimeline, SentPulse
 from arva_hil.model.receiver.display import Display, PulsedOptions
 from arva_hil.model.receiver.paper import FEW, FLOOR_RANGE_M, noise_bound
 from arva_hil.model.receiver.reading import Vector

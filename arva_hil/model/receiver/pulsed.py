@@ -16,7 +16,7 @@ from typing import Annotated, ClassVar, Final, NamedTuple
 
 from annotated_types import Gt
 
-from arva_hil.model.field.pulse_timeline import SentPulse
+from arva_hil.model.field.keying import SentPulse
 from arva_hil.model.receiver.display import Frames, PulsedOptions, Shown, Steps
 from arva_hil.model.receiver.listening import Listening, ListeningReceiver, SeparatedPulse, Signals, separate
 from arva_hil.model.receiver.reading import ChannelReading, PulseReading, Reading, Vector, Zone, with_true_ranges

@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 
 from annotated_types import Gt
 
-from arva_hil.model.field.pulse_timeline import SentPulse
+from arva_hil.model.field.keying import SentPulse
 from arva_hil.model.receiver.display import Frames, PulsedOptions, Steps
 from arva_hil.model.receiver.listening import ListeningReceiver, Signals
 from arva_hil.model.receiver.reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
