@@ -55,7 +55,7 @@ from arva_hil.model.receiver import ChannelReading, Look, PaperReceiver, Pose
 from arva_hil.model.receiver.paper import Antennas
 from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.observers.web.background import REACH_M, Background, map_file, terrain
-from arva_hil.observers.web.history import TextHistory
+from arva_hil.observers.web.jsons import TextHistory
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.server import Server, WebError, pages
 from arva_hil.observers.web.state import State

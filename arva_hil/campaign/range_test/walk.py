@@ -27,15 +27,14 @@ class Coupling(NamedTuple):
     """The attitude of transmitter and receiver to each other; degrees."""
 
     name: str
-    about: str
     transmitter: tuple[float, float, float]  # roll, pitch, yaw; the dipole is its x axis
     receiver_yaw: float
 
 
 COUPLINGS: Final = (
-    Coupling("coaxial", "dipole and receiver's x axis along the path", (0.0, 0.0, 0.0), 180.0),
-    Coupling("90°", "the same, receiver turned by 90°", (0.0, 0.0, 0.0), 90.0),
-    Coupling("vertical", "dipole upright", (0.0, 90.0, 0.0), 180.0),
+    Coupling("coaxial", (0.0, 0.0, 0.0), 180.0),  # dipole and receiver's x axis along the path
+    Coupling("90°", (0.0, 0.0, 0.0), 90.0),  # the same, receiver turned by 90°
+    Coupling("vertical", (0.0, 90.0, 0.0), 180.0),  # dipole upright
 )
 
 

@@ -15,7 +15,6 @@ from arva_hil.events.words.text import Notice
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.background import REACH_M, Background, Source
 from arva_hil.observers.web.health import Health
-from arva_hil.observers.web.history import TextHistory
 from arva_hil.observers.web.search_view import SEARCH, SearchView
 from arva_hil.observers.web.truth import Places, TransmitterView
 from arva_hil.safe_text import one_line
@@ -33,7 +32,7 @@ class _ShownReceiver:
     """One receiver: its history, and the values of its newest frame alone."""
 
     def __init__(self) -> None:
-        self.history = TextHistory()
+        self.history = jsons.TextHistory()
         self.frames = 0
         self.sent = True
         self.faults: tuple[str, ...] = ()
@@ -95,7 +94,7 @@ class State:
             self.places.put("", *datum)
         self.is_named = named
         self._receivers: dict[Key, _ShownReceiver] = {}
-        self._events = TextHistory(_MOST_EVENTS, 0)
+        self._events = jsons.TextHistory(_MOST_EVENTS, 0)
         self._searches: dict[str, SearchView] = {}  # by vehicle, "" where there is one only
         self._truth = TransmitterView(self.places, kappa_eq)
         self._documents = functools.lru_cache(_KEPT)(self._make)
@@ -127,7 +126,7 @@ class State:
     def put(self, key: Key, frames: int, texts: Iterable[str], faults: Iterable[str], down_m: float | None) -> None:
         """Replace a receiver's readings. `frames`: the number of frames that they represent."""
         receiver = self._receivers.setdefault(key, _ShownReceiver())
-        receiver.history = TextHistory()
+        receiver.history = jsons.TextHistory()
         receiver.history.extend(texts, self.version)
         receiver.frames, receiver.faults, receiver.down_m = frames, tuple(faults), down_m
 
@@ -135,7 +134,7 @@ class State:
         """Forget the events, but not the places."""
         self.health.forget()
         self._searches.clear()
-        self._events = TextHistory(_MOST_EVENTS, 0)
+        self._events = jsons.TextHistory(_MOST_EVENTS, 0)
         self._course.time_s = 0.0
         self._new_version()
 

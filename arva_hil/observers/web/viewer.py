@@ -17,7 +17,7 @@ from arva_hil.events import DatumSet, Event, PacketsReceived, ReceiverStatus, St
 from arva_hil.events.event_json import event_of
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, VictimNoted, WaitingFor
-from arva_hil.events.words.text import Level, Notice
+from arva_hil.events.words.text import Notice
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.model.field import LocalFrame
 from arva_hil.observers.web import jsons
@@ -31,11 +31,10 @@ from arva_hil.records.reading import (
     RecordedReceiver,
     Recording,
     RecordingError,
-    mapping,
+    notice_of,
     number,
     packets,
     received,
-    text,
 )
 
 _THINNED: Final = 3000  # readings that represent all
@@ -135,12 +134,10 @@ class RecordedState(State):
         recording, kinds = self._recording, set()
         for said in recording.events:
             event = _event(said)
-            notice = mapping(said.get("notice"))
             if event is None:
                 event = Event(number(said.get("time_s")) or 0.0)
-            if words := text(notice.get("text")):
-                level: Level = "error" if notice.get("level") == "error" else "info"
-                self._notices[id(event)] = Notice("warning" if notice.get("level") == "warning" else level, words)
+            if notice := notice_of(said):
+                self._notices[id(event)] = notice
             kinds.add(type(event.event) if isinstance(event, FromSearch) else type(event))
             yield event
         search = recording.search

@@ -3,5 +3,14 @@
 from .again import Emulated, NotComparable, Paired, emulated_again, paired_frames
 from .comparison import TOO_FEW, Comparison, Spread, compared
 
-__all__ = ["TOO_FEW", "Comparison", "Emulated", "NotComparable", "Paired", "Spread", "compared", "emulated_again"]
-__all__ += ["paired_frames"]
+__all__ = [
+    "TOO_FEW",
+    "Comparison",
+    "Emulated",
+    "NotComparable",
+    "Paired",
+    "Spread",
+    "compared",
+    "emulated_again",
+    "paired_frames",
+]

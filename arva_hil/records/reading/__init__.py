@@ -1,7 +1,7 @@
 """Reader of the records of `--record DIR`: readings, events, search and end of the run, as frozen values."""
 
 from .folder import is_record, load
-from .lines import Lines, RecordingError, mapping, number, objects, refuse_no_file, table, text
+from .lines import Lines, RecordingError, mapping, notice_of, number, objects, refuse_no_file, table, text
 from .recording import NO_ID, RecordedDatum, RecordedReceiver, RecordedRun, Recording, received
 from .search import RecordedPlace, RecordedSearch
 from .streams import RecordedStream, logged, packets, streams
@@ -21,6 +21,7 @@ __all__ = [
     "load",
     "logged",
     "mapping",
+    "notice_of",
     "number",
     "objects",
     "packets",

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from arva_hil.clock import from_utc
 from arva_hil.errors import ArvaError
+from arva_hil.events.words.text import Level, Notice
 from arva_hil.safe_text import one_line
 
 _LONGEST_LINE: Final = 1 << 16  # bytes
@@ -148,11 +149,10 @@ def json_object(path: Path) -> dict[str, Any]:
     refuse_no_file(path)
     try:
         with open(path, "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            data = file.read(min(size, _LARGEST_OBJECT))
+            data = file.read(_LARGEST_OBJECT + 1)
     except OSError as error:
         raise RecordingError(path, f"cannot be read: {error.strerror}") from None
-    if size > _LARGEST_OBJECT:
+    if len(data) > _LARGEST_OBJECT:
         raise RecordingError(path, f"is larger than {_LARGEST_OBJECT} bytes: this is no file of a record")
     try:
         value = strict_json(data.decode("utf-8-sig"))
@@ -232,6 +232,14 @@ def mapping(value: object) -> Mapping[str, Any]:
 def objects(value: object) -> list[Mapping[str, Any]]:
     """Return the objects of a list, an empty list for anything else."""
     return [mapping(one) for one in value] if isinstance(value, list) else []
+
+
+def notice_of(event: Mapping[str, Any]) -> Notice | None:
+    """Return the text for people of a recorded event; None without one."""
+    notice = mapping(event.get("notice"))
+    levels: Mapping[str, Level] = {"warning": "warning", "error": "error"}
+    words = text(notice.get("text"))
+    return Notice(levels.get(text(notice.get("level")), "info"), words) if words else None
 
 
 def seconds_of(utc: str) -> float | None:

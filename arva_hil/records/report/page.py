@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from arva_hil.events.words.text import in_metres
 from arva_hil.records.pictures.run import pictures
-from arva_hil.records.reading import Recording, mapping, text
+from arva_hil.records.reading import Recording, notice_of
 from arva_hil.records.report.facts import errors_m, facts, found_of, merged
 from arva_hil.records.report.html import render
 from arva_hil.safe_text import one_line
@@ -73,13 +73,10 @@ def _verdict(recording: Recording) -> str:
 
 def _happened(event: Any) -> dict[str, Any] | None:
     """Return the console's text of an event, with its time and level; None without one."""
-    notice = mapping(event.get("notice"))
-    said, level = text(notice.get("text")), text(notice.get("level"))
-    if not said:
+    if (notice := notice_of(event)) is None:
         return None
-    by = "search: " if event.get("by") == "search" and not said.startswith("search: ") else ""
-    level = level if level in ("warning", "error") else "info"
-    return {"time_s": event["time_s"], "level": level, "text": by + one_line(said)}
+    by = "search: " if event.get("by") == "search" and not notice.text.startswith("search: ") else ""
+    return {"time_s": event["time_s"], "level": notice.level, "text": by + one_line(notice.text)}
 
 
 def _pictures(names: Sequence[str], recordings: Sequence[Recording]) -> list[tuple[str, str]] | None:

@@ -79,7 +79,6 @@ _FIELD_M: Final = 1.0
 _CHI_95: Final = math.sqrt(-2 * math.log(1 - 0.95))  # sigmas to the edge of the area with a probability of 95 %
 
 
-_FOR_EVER: Final = ros.Duration(0, 0)
 _NO_BYTES: Final = np.zeros(0, np.uint8)
 _NO_TEXTURE: Final = ros.CompressedImage(Header(ros.Time(0, 0), ""), "", _NO_BYTES)
 _NO_MESH: Final = ros.MeshFile("", _NO_BYTES)
@@ -107,7 +106,7 @@ def _marker(
         pose,
         scale,
         color,
-        lifetime=_FOR_EVER,
+        lifetime=ros.Duration(0, 0),
         frame_locked=False,
         points=list(points),
         colors=[],

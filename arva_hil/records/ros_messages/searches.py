@@ -66,7 +66,8 @@ class SearchMessages:
             told = self._heard(event, stamp, world)
             return told + (self._again(event.time_s, stamp) if self._found else [])
         elif isinstance(event, BeliefChanged):
-            return [self._shapes(stamp, self._believed(event, ros.header(stamp, TAKE_OFF)))]
+            shapes = self._believed(event, ros.header(stamp, TAKE_OFF))
+            return [ros.Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))]
         elif isinstance(event, PlaceFound):
             self._found = event
             return self._again(event.time_s, stamp)
@@ -115,15 +116,12 @@ class SearchMessages:
         shapes = [geometry.sphere(ground, "found", 0, geometry.point(place), _FOUND_M)]
         if found.covariance is not None:
             shapes.append(geometry.ellipse(ground, "95 %", geometry.point(place), found.covariance))
-        made = [self._shapes(stamp, shapes)]
+        made = [ros.Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))]
         if self._origin:
             made.append(
                 ros.Publication(FOUND, stamp, self._fix(ground, place, found.earth_covariance or found.covariance))
             )
         return made
-
-    def _shapes(self, stamp: int, shapes: list[ros.Marker]) -> ros.Publication:
-        return ros.Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))
 
     def _fix(
         self, of: ros.Header, place: tuple[float, float, float], covariance: tuple[float, float, float] | None

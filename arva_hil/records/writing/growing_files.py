@@ -61,13 +61,11 @@ class GrowingFiles:
         self._wait_until = math.inf
         self._files: dict[str, FileIO] = {}
         self._pending: dict[str, bytearray] = {name: bytearray() for name in names}
-        made: list[Path] = []
         try:
             folder.mkdir(parents=True, exist_ok=True)
             refuse_old(folder, [*names, last, *folders], what)
             for name in folders:
                 (folder / name).mkdir()
-                made.append(folder / name)
             for name in names:
                 self._files[name] = files.create(folder / name)
             if first is not None:
@@ -77,9 +75,9 @@ class GrowingFiles:
                 file.close()
                 with contextlib.suppress(OSError):
                     (folder / name).unlink()
-            for one in reversed(made):
+            for name in reversed(folders):
                 with contextlib.suppress(OSError):
-                    one.rmdir()
+                    (folder / name).rmdir()
             raise RecordError(_why(folder, error)) from None
         self._background = WorkerThread(what, most_jobs=_FEW_JOBS if patient else _MANY_JOBS)
 

@@ -66,8 +66,7 @@ class Recorder(GrowingFiles):
         if isinstance(event, FrameMade):
             self._on_frame(event)
         elif isinstance(event, BytesSent):
-            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, names.FRAMES)]
-            pending += event.data
+            self._pending[self._layout.of_receiver(event.vehicle, event.receiver, names.FRAMES)] += event.data
             if self._layout.real:
                 came_us = self._epoch_us + round(event.time_s * 1e6)
                 self._pending[names.CHUNKS] += f"{came_us},{len(event.data)}\n".encode()

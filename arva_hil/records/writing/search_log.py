@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -44,16 +43,12 @@ class SearchLog(GrowingFiles):
         super().__init__(folder, [TRACK] if start_s is None else [TRACK, NEWS], "a search", OUTCOME, clock=clock)
         self._start_s = start_s
         self._lines = EventLines(0)
-        self._csv = csv.writer(self, lineterminator="\n")
-        self._csv.writerow(SearchStep._fields)
-
-    def write(self, line: str) -> None:
-        """Add a line of `search.csv`."""
-        self._pending[TRACK] += line.encode()
+        self._pending[TRACK] += (",".join(SearchStep._fields) + "\n").encode()
 
     def row(self, row: SearchStep) -> None:
         """Add one step."""
-        self._csv.writerow(row)
+        cells = ["" if value is None else str(value) for value in row]
+        self._pending[TRACK] += (",".join(cells) + "\n").encode()
         self._flush_now_and_then(full=len(self._pending[TRACK]) > _BATCH_BYTES)
 
     def observe(self, event: Event) -> None:
