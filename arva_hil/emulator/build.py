@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arva_hil import config
-from arva_hil.autopilot.following.terrain_requests import LatLon
+from arva_hil.autopilot.following.on_request import LatLon
 from arva_hil.model.field import (
     Following,
     LocalFrame,

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import Final, NamedTuple
 
-from arva_hil.autopilot.following.motor_load import MotorLoad
 from arva_hil.autopilot.following.navigation import Navigation, VehicleState
+from arva_hil.autopilot.following.on_request import MotorLoad, TerrainRequests
 from arva_hil.autopilot.following.session import Received, Session
-from arva_hil.autopilot.following.terrain_requests import TerrainRequests
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import ground_places, moving_transmitters
 from arva_hil.emulator.datum import MOVE_DATUM, Datum

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from arva_hil.autopilot.following.motor_load import MotorLoad
 from arva_hil.autopilot.following.navigation import VehicleState
+from arva_hil.autopilot.following.on_request import MotorLoad
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse, to_dict
 from arva_hil.events import MotorsHeard, MotorsSilent
