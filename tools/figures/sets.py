@@ -6,6 +6,7 @@ Also the sets that a novice misses among them.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
@@ -123,17 +124,14 @@ def highest(tilt_deg: float, antennas: int) -> float:
 
 
 def reach(threshold_na_m: float, h10: float, way: ArrayLike) -> float:
-    """Return the largest true distance [m] with a reading."""
-    display = Display(options(threshold_na_m=threshold_na_m), KAPPA_EQ)
-    near, far = 1.0, 500.0
-    while far - near > 1e-3:
-        middle = (near + far) / 2
-        x, y, z = field(middle * np.asarray(way, float), h10).tolist()
-        if display.shown(0, (x, y, z)):
-            near = middle
-        else:
-            far = middle
-    return near
+    """Return the largest true distance [m] with a reading, to 1 mm."""
+    display, unit = Display(options(threshold_na_m=threshold_na_m), KAPPA_EQ), 1e-3 * np.asarray(way, float)
+
+    def silent(millimetres: int) -> bool:
+        x, y, z = field(millimetres * unit, h10).tolist()
+        return display.shown(0, (x, y, z)) is None
+
+    return bisect_left(range(500_000), True, lo=1000, key=silent) / 1e3
 
 
 class Spread(NamedTuple):
