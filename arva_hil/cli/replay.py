@@ -43,15 +43,9 @@ def main(options: argparse.Namespace) -> int:
         timeline = tally.timeline
         if (first := next(timeline, None)) is None:
             raise UsageError(f"{options.log}: no MAVLink packet in its {log.size} bytes: is it a telemetry log?")
+        lines = not (options.port or options.out or options.record)
         surroundings = stack.enter_context(
-            common.Run(
-                options,
-                chosen,
-                first.time_us,
-                patient=True,
-                kind="replay",
-                lines=not (options.port or options.out or options.record),
-            )
+            common.Run(options, chosen, first.time_us, patient=True, kind="replay", lines=lines)
         )
         if isinstance(out, StdoutLink):
             out.give_up = surroundings.stopped

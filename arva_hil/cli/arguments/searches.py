@@ -12,7 +12,6 @@ from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 _AREA = "south,west,north,east in m, e.g. --area=-50,-50,50,50"
 _FAR_M = 10_000  # a corner of the area
-_MOST_VICTIMS = 16
 
 
 def strip_width(text: str) -> float | str:
@@ -24,7 +23,7 @@ def strip_width(text: str) -> float | str:
 def victims(text: str) -> int | str:
     """Convert the number of transmitters to find, or `all`."""
     try:
-        return text if text == "all" else whole(1, _MOST_VICTIMS)(text)
+        return text if text == "all" else whole(1, 16)(text)
     except ValueError as error:
         raise ValueError(f"{error}, or all") from None
 
@@ -108,6 +107,20 @@ PLAN: Final = (
     option("--limit S", "end the search after this long", _SECONDS, 900.0),
 )
 """The options of the search itself."""
+TEAM: Final = (
+    option(
+        "--scenario FILE",
+        "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used; has no "
+        "ARVA_HIL_ variable",
+        environment=False,
+    ),
+    option(
+        "--vehicle NAME",
+        "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL",
+        environment=False,
+    ),
+)
+"""The options of several vehicles."""
 FLIGHT: Final = (
     option(
         "--timeout S",
@@ -165,20 +178,7 @@ def search(parser: CommandParser) -> None:
         option("--receiver URL", "link to the receiver's port", link),
     )
     parser.group("search", shared.format_option(default="binary", without=MAVLINK_FORMATS), *PLAN)
-    parser.group(
-        "several vehicles",
-        option(
-            "--scenario FILE",
-            "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used; has no "
-            "ARVA_HIL_ variable",
-            environment=False,
-        ),
-        option(
-            "--vehicle NAME",
-            "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL",
-            environment=False,
-        ),
-    )
+    parser.group("several vehicles", *TEAM)
     parser.group("start and end of the flight", *FLIGHT)
     parser.group(
         "autopilot",
