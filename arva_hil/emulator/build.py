@@ -23,7 +23,6 @@ from arva_hil.model.field import (
     rotation,
 )
 from arva_hil.model.field.medium import AIR, Medium, skin_depth_m
-from arva_hil.model.field.sling import Sling
 from arva_hil.model.field.vehicle_noise import VehicleNoise
 from arva_hil.model.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
@@ -85,10 +84,10 @@ def receiver(scenario: config.Scenario) -> ReceiverModel:
     return model
 
 
-def sling(scenario: config.Scenario) -> Sling | None:
+def sling(scenario: config.Scenario) -> rotation.Sling | None:
     """Return the rope under the vehicle on which the receiver hangs; None if it is mounted."""
     options = scenario.receiver.mount.sling
-    return Sling(options.length_m, options.damping) if options else None
+    return rotation.Sling(options.length_m, options.damping) if options else None
 
 
 def vehicle_noise(scenario: config.Scenario) -> VehicleNoise | None:

@@ -21,8 +21,7 @@ from itertools import repeat
 from typing import Final, NamedTuple
 
 from arva_hil.emulator import build
-from arva_hil.emulator.host_commands import HostCommands
-from arva_hil.emulator.ports import Output, Parcel, Port, encoder
+from arva_hil.emulator.ports import HostCommands, Output, Parcel, Port, encoder
 from arva_hil.emulator.receivers import EmulatedReceiver
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.world import FollowedSystem, Snapshot, VehicleWorld

@@ -10,7 +10,7 @@ import pytest
 from arva_hil import __version__
 from arva_hil.cli.summary import counters
 from arva_hil.config import parse
-from arva_hil.emulator.host_commands import CommandCounters, HostCommands
+from arva_hil.emulator.ports import CommandCounters, HostCommands
 from arva_hil.events import CommandAnswered, CommandReceived
 from arva_hil.model.receiver import Answer
 from arva_hil.registry import FORMATS

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from arva_hil.model.field.sling import Sling
+from arva_hil.model.field.rotation import Sling
 
 LEVEL = np.eye(3)
 
