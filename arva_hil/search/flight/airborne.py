@@ -56,7 +56,6 @@ class TeamReport:
         self._team = team
         self._session = session
         self._emit = emit
-        self._handed: dict[int, HeardAt] = {}
         self._lost: set[int] = set()
         self._flying = False  # as in the last report
 
@@ -107,11 +106,7 @@ class TeamReport:
         found = {victim.id for victim in mission.victims.places if victim.sure} - {NO_ID}
         if mission.found_surely and target is not None:  # not before the last check of its place
             found.add(target)
-        for id_, heard in mission.choice.heard.items():
-            before = self._handed.get(id_)
-            if id_ != NO_ID and (before is None or before.metres != heard.nearest_m):
-                at = lla(origin, *heard.nearest_at, 0.0)
-                self._handed[id_] = HeardAt(id_, heard.nearest_m, *at[:2])
+        heard = {id_: one for id_, one in mission.choice.heard.items() if id_ != NO_ID}
         self._team.report(
             now,
             place,
@@ -119,7 +114,7 @@ class TeamReport:
             hunting=hunting,
             hunting_m=math.inf if hunting is None else mission.choice.heard[hunting].nearest_m,
             found=tuple(found),
-            heard=list(self._handed.values()),
+            heard=[HeardAt(id_, one.nearest_m, *lla(origin, *one.nearest_at, 0.0)[:2]) for id_, one in heard.items()],
             searching=searching,
             lost=lost,
         )

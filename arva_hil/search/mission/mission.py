@@ -40,7 +40,6 @@ from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
 from arva_hil.search.strategies.history import speed_of
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
-from arva_hil.search.strategies.strips import Strips
 from arva_hil.search.team.team import Teammate, TeamStrips, strips_of
 from firmware_proto import Frame
 
@@ -123,7 +122,7 @@ class Mission:
         self._reached: AnalysisResult | None = None  # it flies above its place, to end there or to record it
         self.reports = PlaceReports(emit)
         self.progress = Progress(start_s, position)
-        self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
+        self._strips = strips_of(team, plan, position)
         self._pauses = Pauses(start_s, plan.patience_s, emit)
         self.victims = Victims(plan.victims, host, emit)
         worker = worker or Inline(partial(plan.strategy, plan.speed))

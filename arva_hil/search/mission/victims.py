@@ -9,7 +9,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,7 @@ _ANSWER_S: Final = 1.0  # repeat a command without an answer after this time
 _MOST_SENT: Final = 3  # after these tries without an answer, the receiver takes no commands
 
 
-class Asked(NamedTuple):
-    """A command, and its answer; None: there was none."""
-
-    command: Command
-    answer: CommandAnswer | None
+Asked = tuple[Command, CommandAnswer | None]  # a command, and its answer; None: there was none
 
 
 class ReceiverHost:
@@ -71,10 +67,10 @@ class ReceiverHost:
         answers, self._answers = self._answers, []
         for answer in answers:
             if self._sent and self.waiting and (answer.number, answer.name) == self.waiting[0][:2]:
-                done.append(Asked(self.waiting.popleft(), answer))
+                done.append((self.waiting.popleft(), answer))
                 self._sent = 0
         if self._sent and time_s - self._sent_s > _ANSWER_S and self._sent >= _MOST_SENT:
-            done.append(Asked(self.waiting.popleft(), None))
+            done.append((self.waiting.popleft(), None))
             self._sent = 0
         if self.waiting and (not self._sent or time_s - self._sent_s > _ANSWER_S):
             self._write(self._encode(self.waiting[0]))

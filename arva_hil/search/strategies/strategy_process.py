@@ -96,6 +96,6 @@ def _packed(answer: AnalysisResult) -> bytes:
         data = pickle.dumps(answer)
         if len(data) > _LONGEST:
             raise ValueError(f"its answer has {len(data)} bytes, at most {_LONGEST} expected")
+        return data
     except Exception as error:
-        data = pickle.dumps(AnalysisResult(failed=failed(error)))
-    return data
+        return pickle.dumps(AnalysisResult(failed=failed(error)))

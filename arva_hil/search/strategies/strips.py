@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Position, Velocity, towards
 
 _REACHED_M: Final = 1.0
@@ -33,11 +32,6 @@ class Strips:
         self._speed = speed
         self._next = 0
         self._back: tuple[float, float] | None = None  # where to return to the lane that was left
-
-    @classmethod
-    def of(cls, plan: SearchPlan, position: Position) -> Strips:
-        """Return the strips of a plan's area."""
-        return Strips(plan.area, plan.speed, position, width=plan.strip_width)
 
     @property
     def flown(self) -> bool:

@@ -379,10 +379,11 @@ class Bus:
             mate.on_news(news)
 
 
-def strips_of(team: Teammate, plan: SearchPlan, position: Position) -> Strips:
-    """Return strips over its own part of the team's area, then over those that others have left."""
-    area = team.area()
-    return Strips.of(plan, position) if area is None else TeamStrips(area, plan, position, team)
+def strips_of(team: Teammate | None, plan: SearchPlan, position: Position) -> Strips:
+    """Return strips over a plan's area; in a team over its own part of it, then over those that others have left."""
+    if team is not None and (area := team.area()) is not None:
+        return TeamStrips(area, plan, position, team)
+    return Strips(plan.area, plan.speed, position, width=plan.strip_width)
 
 
 class TeamStrips(Strips):
