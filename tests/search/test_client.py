@@ -660,8 +660,13 @@ MODES = [
 @pytest.mark.parametrize("phase", ["climbing", "flying", "landing"])
 @pytest.mark.parametrize(("make", "mode", "name"), MODES)
 def test_a_pilot_who_takes_over_hears_no_more_of_it(make: Callable[[], Any], mode: int, name: str, phase: str) -> None:
-    world = World(make(), take_off=6.0, height=6.0, **({"patience_s": 3.0} if phase == "landing" else {}))
-    world.reach("climbing" if phase == "climbing" else "flying")
+    world = reaching(
+        "climbing" if phase == "climbing" else "flying",
+        make(),
+        take_off=6.0,
+        height=6.0,
+        **({"patience_s": 3.0} if phase == "landing" else {}),
+    )
     if phase == "landing":
         silent(world)
         world.reach("landing")

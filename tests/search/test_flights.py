@@ -112,21 +112,22 @@ class Flight:
 # -- the ground --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("height", "seed"), [(1.0, 0), (3.0, 4)])
-def test_the_ground_is_not_touched_though_the_position_wanders(height: float, seed: int) -> None:
-    flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed, limit_s=40.0)
+@pytest.mark.parametrize(
+    ("height", "seed", "reported", "source"),
+    [
+        (1.0, 0, SENSORS, "rangefinder"),
+        (3.0, 4, SENSORS, "rangefinder"),
+        (3.0, 3, dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE, "estimate"),
+    ],
+)
+def test_the_ground_is_not_touched_though_the_position_wanders(
+    height: float, seed: int, reported: int, source: str
+) -> None:
+    """Without a rangefinder the barometer keeps it up."""
+    flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed, sensors=reported, limit_s=40.0)
     assert flight.outcome.kind in ("found", "not found")
     assert flight.lowest > height / 2
-    assert "rangefinder" in flight.height_sources
-
-
-def test_without_a_rangefinder_the_barometer_keeps_it_up() -> None:
-    flight = Flight(
-        "estimate", gps_noise_m=1.5, seed=3, sensors=dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE, limit_s=40.0
-    )
-    assert flight.outcome.kind in ("found", "not found")
-    assert flight.lowest > 1.5
-    assert "estimate" in flight.height_sources
+    assert source in flight.height_sources
 
 
 def test_with_gps_alone_it_flies_higher() -> None:

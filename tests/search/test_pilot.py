@@ -205,8 +205,7 @@ def test_a_set_point_that_did_not_leave_is_sent_again_at_once(refused: str) -> N
 
 
 def test_a_flood_that_cannot_be_read_to_its_end_gets_no_order_and_does_not_hold_it_up() -> None:
-    world = World(ardupilot())
-    world.hunt()
+    world = hunting(ardupilot())
     link, read, ready = world.autopilot, world.autopilot.read, world.autopilot.ready
     noise = b"\x00" * (1 << 16)
     serving: list[bool] = []
@@ -289,8 +288,7 @@ def test_the_mode_is_told_sooner_than_once_a_second(make: Callable[[], Any]) -> 
 @pytest.mark.parametrize("channel", range(4))
 def test_each_stick_counts_and_trembling_does_not(channel: int) -> None:
     vehicle = ardupilot()
-    world = World(vehicle)
-    world.hunt()
+    world = hunting(vehicle)
 
     def put(us: int) -> None:
         vehicle._pilot.sticks = tuple(us if n == channel else 1500 for n in range(4))  # type: ignore[assignment]
@@ -469,8 +467,7 @@ def test_another_drone_with_the_same_ids_is_not_flown(north_m: float, booted: fl
 
 
 def test_one_lie_ends_nothing() -> None:
-    world = World(ardupilot())
-    world.hunt()
+    world = hunting(ardupilot())
     encoder, lies = Encoder(1, 1), iter([1])
 
     def lying(data: bytes) -> bytes:
@@ -980,8 +977,7 @@ def slower(share: float) -> Change:
 def test_one_that_does_not_move_is_said_flown_another_way_once_and_landed(
     make: Callable[[], Any], change: Change
 ) -> None:
-    world = World(make())
-    world.reach("flying")
+    world = reaching("flying", make())
     begun = world.clock.now()
     uplink(world, change)
     kind, how = world.end(60.0)
