@@ -578,6 +578,7 @@ def test_what_stays_too_low_ends(strategy: type[Scripted]) -> None:
 
 def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Scripted]) -> None:
     m = Mission(SearchPlan(strategy, height=3.0), 100.0, (0.0, 0.0, -3.0))
+    assert m.progress.searched_s == 0.0
     strategy.finds = Found(3.0, 4.0)
     m.on_frame(frame(beacon(1, 3)), 101.0, (3.0, 4.0, -3.0), LEVEL)
     position, now = np.array([3.0, 4.4, -3.0]), 101.0
