@@ -9,8 +9,8 @@ from tests.every import every
 from tests.firmware_proto.lua_stubs import Autopilot, LuaDecoder, LuaMessageDecoder
 from tests.firmware_proto.wire_vectors import FRAMES as VECTOR_FRAMES
 from tests.firmware_proto.wire_vectors import MESSAGES, VECTORS, by_name, follow, follow_messages
+from tools.fuzz.codecs import SECONDS, message_streams, streams
 from tools.vectors.c_codec import python_decoder
-from tools.vectors.random_streams import SECONDS, message_streams, streams
 
 STREAMS = int(os.environ.get("ARVA_HIL_LUA_STREAMS", "200"))
 COUNTERS = ("good", "bad_crc", "dropped", "lost")
