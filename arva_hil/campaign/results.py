@@ -43,12 +43,9 @@ class ResultsError(ArvaError):
     """The results cannot be read or written. `str()` says where and why."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrialRow:
-    """One line of results.csv. `distance_m`: from the take-off to the nearest transmitter at the start.
-
-    `arva_hil`, `numpy`: the versions that flew it.
-    """
+@dataclass(frozen=True)
+class Conditions:
+    """The first columns of results.csv. `distance_m`: from the take-off to the nearest transmitter at the start."""
 
     key: str
     seed: int
@@ -63,15 +60,15 @@ class TrialRow:
     speed_m_s: float
     limit_s: float
     distance_m: float | None
-    outcome: str
-    error_m: float | None
-    hover_m: float | None
-    time_s: float
-    path_m: float
-    frames: int
-    sigma_m: float | None = None
-    relative_m: float | None = None
-    relative_sigma_m: float | None = None
+
+
+@dataclass(frozen=True)
+class TrialRow(Result, Conditions):
+    """One line of results.csv: the conditions, the result, and the versions that flew it.
+
+    The columns of the last base come first.
+    """
+
     arva_hil: str = __version__
     numpy: str = np.__version__
 

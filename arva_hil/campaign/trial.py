@@ -40,7 +40,7 @@ class Trial:
     drones: int = 1  # several divide the area and find one transmitter each; one finds all of `victims`
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Result:
     """The result of a trial. The errors are None if nothing was found.
 

@@ -52,8 +52,7 @@ area_m: [-80, -70, 60, 50]
 strip_width_m: 30
 success_m: 3
 """
-    plan = parse_plan(text, str(CONFIGS / "campaigns" / "p.yaml"))
-    assert plan == CampaignPlan(
+    assert parse_plan(text, str(CONFIGS / "campaigns" / "p.yaml")) == CampaignPlan(
         strategies=("flux", "estimate"),
         scenarios={
             "paper_case_1": load(CONFIGS / "paper_case_1.yaml"),

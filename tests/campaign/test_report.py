@@ -127,8 +127,7 @@ def test_the_page_has_every_strategy_with_its_success_and_interval(page: str) ->
 
 def test_the_page_has_a_table_for_each_axis_of_several_values(page: str) -> None:
     assert re.findall("<h2>(.*?)</h2>", page) == ["By strategy", "By take-off height, m", "How the runs ended"]
-    by_height = cells(page, "By take-off height, m")
-    assert [line[:3] for line in by_height] == [
+    assert [line[:3] for line in cells(page, "By take-off height, m")] == [
         ["1", "flux", "6"],
         ["", "estimate", "6"],
         ["2", "flux", "6"],
@@ -158,8 +157,7 @@ def test_the_charts_are_drawn_and_success_by_distance_where_distances_are_many()
         "Error of the place reported",
         "Differences on the same trials",
     ]
-    many = [replace(one, distance_m=float(n)) for n, one in enumerate(ROWS)]
-    drawn = charts.draw(many, 2.0)
+    drawn = charts.draw([replace(one, distance_m=float(n)) for n, one in enumerate(ROWS)], 2.0)
     assert list(drawn)[:3] == list(few)[:3]
     assert "distance" in list(drawn)[3]
     for svg in drawn.values():

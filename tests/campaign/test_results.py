@@ -165,8 +165,7 @@ def test_every_row_is_one_line_and_is_read_as_it_was_written(result: Result) -> 
 def test_a_row_says_what_was_flown() -> None:
     one = planned("strategies: flux\nscenarios: {random: {within_m: 50}}\nwind_m_s: 3\ngps_noise_m: 0.5\nnoise: off")[0]
     (transmitter,) = one.trial.scenario.transmitters
-    new = row(one, Result("found", 1.0, 0.5, 60.0, 55.0, 61))
-    assert new == TrialRow(
+    assert row(one, Result("found", 1.0, 0.5, 60.0, 55.0, 61)) == TrialRow(
         key=one.key,
         seed=1,
         scenario="random within 50 m at 0 to 2 m",

@@ -272,8 +272,7 @@ def test_a_receiver_with_equal_antennas_hears_as_far_when_it_is_turned() -> None
 
 def test_an_upright_dipole_is_not_heard_in_its_own_plane_and_is_from_above() -> None:
     assert walked(quiet(), VERTICAL, FLAT, 0, motors=False).stable_m is None
-    plan = RangePlan(height_m=3.0)
-    walk = walked(quiet(), VERTICAL, plan, 0, motors=False)
+    walk = walked(quiet(), VERTICAL, RangePlan(height_m=3.0), 0, motors=False)
     assert walk.stable_m is not None
     along, r = np.sqrt(walk.stable_m**2 - 9), walk.stable_m
     field = 3 * 3.0 * along / r**2 / (4 * np.pi * r**3)  # horizontal part of an upright dipole's field
@@ -325,8 +324,7 @@ def test_every_model_has_a_data_sheet(profile: str) -> None:
 
 
 def test_single_signals_from_far_away_do_not_count() -> None:
-    sheet = measured(pulsed("three_antennas"), RangePlan(walks=10))
-    row = sheet.row("coaxial")
+    row = measured(pulsed("three_antennas"), RangePlan(walks=10)).row("coaxial")
     assert max(row.first_m) > max(row.stable_m) + 5
 
 

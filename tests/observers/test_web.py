@@ -101,8 +101,7 @@ def shown(state: State, since: int = 0) -> dict[str, Any]:
 
 
 def test_a_reading_is_shown_with_its_place_and_its_true_range() -> None:
-    state = state_of([made(3, 10.0)], "run", "victim.yaml")
-    document = shown(state)
+    document = shown(state_of([made(3, 10.0)], "run", "victim.yaml"))
     assert (document["kind"], document["title"], document["known"]) == ("run", "victim.yaml", True)
     (receiver,) = document["receivers"]
     assert receiver["points"] == [
@@ -175,8 +174,7 @@ def test_a_history_keeps_everything_of_late_and_less_of_long_ago() -> None:
     old = whole[:-100]
     assert 25 <= len(old) <= 51
     assert old[0] == 0
-    steps = {b - a for a, b in pairwise(old)}
-    assert len(steps) == 1
+    assert len({b - a for a, b in pairwise(old)}) == 1
     assert history.since(9997) == ["9998", "9999"]
     assert history.since(9000) is None
 
@@ -193,8 +191,7 @@ def test_what_comes_from_outside_is_escaped() -> None:
     assert not {b"<", b">", b"&", b"\x1b", "\u202e".encode()} & {
         document[i : i + n] for i in range(len(document)) for n in (1, 3)
     }
-    label = shown(state)["vehicles"][0]["label"]
-    assert label == "</script><img src=x>\\u202e\\x1b[2J"
+    assert shown(state)["vehicles"][0]["label"] == "</script><img src=x>\\u202e\\x1b[2J"
 
 
 def test_streams_counters_and_links_are_shown() -> None:
@@ -267,9 +264,8 @@ def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_show
 
 def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() -> None:
     state = state_of([DatumSet(0.0, "vehicle", *HOME, ())], "demo", "")
-    north = 46.0 + 1 / 111.15e3
     events = [
-        TakeOffPoint(1.0, north, 7.0, 1650.0),
+        TakeOffPoint(1.0, 46.0 + 1 / 111.15e3, 7.0, 1650.0),
         TransmitterChosen(2.0, 7, 10.0),
         FrameHeard(2.0, Frame(1, 1, (Channel(7, 1, 100, 0),)), (0.0, 0.0, 0.0), 0.0),
         BeliefChanged(2.0, 7, ((4.0, 0.0, 0.75), (8.0, 4.0, 0.25)), (1.0, 0.0, 2.0), (5.0, 6.0)),
@@ -395,8 +391,7 @@ def test_the_lines_are_what_a_level_receiver_measures_there(roll: float, pitch: 
             assert measured == -1 if d_m == 50.0 and measured < 0 else measured / 100 == pytest.approx(d_m, rel=0.03)
     assert len(drawn["flux"]) >= 10
     for line in drawn["flux"]:
-        path = np.array(line).reshape(-1, 2)
-        for (n1, e1), (n2, e2) in list(pairwise(path))[3:-3:7]:
+        for (n1, e1), (n2, e2) in list(pairwise(np.array(line).reshape(-1, 2)))[3:-3:7]:
             slot = look((n1 + n2) / 2, (e1 + e2) / 2)
             if slot.zone == 1:
                 off = math.degrees(math.atan2(e2 - e1, n2 - n1)) - slot.delta_deg
@@ -409,8 +404,7 @@ def test_the_lines_are_drawn_anew_only_when_something_has_moved() -> None:
         state.update([status(1.0, transmitters((north, 5.0, 0.0)))])
         state.draw_field()
         assert json.loads(state.field())["version"] == shown(state)["field"] == version
-    many = transmitters(*((float(i), 0.0, 0.0) for i in range(300)))
-    state.update([status(1.0, many)])
+    state.update([status(1.0, transmitters(*((float(i), 0.0, 0.0) for i in range(300))))])
     state.draw_field()
     field = json.loads(state.field())
     assert (len(field["transmitters"]), len(shown(state)["transmitters"])) == (8, 256)
@@ -512,8 +506,7 @@ def test_of_a_long_record_no_more_is_sent_than_a_page_can_draw(record: Path) -> 
     first = [line.split(",") for line in lines[5:9]]
     rows = [[cells[0], str(n / 50), *cells[2:]] for n in range(20_000) for cells in first]
     (record / "readings.csv").write_text("\n".join([lines[0], *(",".join(cells) for cells in rows)]) + "\n")
-    state = RecordedState(load(record))
-    points = shown_at(state, 300.0)["receivers"][0]["points"]
+    points = shown_at(RecordedState(load(record)), 300.0)["receivers"][0]["points"]
     assert 1000 < len(points) <= 3100
     assert points[-1][0] == 300.0
     assert [point[0] for point in points] == sorted({point[0] for point in points})
@@ -762,8 +755,7 @@ def test_a_body_is_not_taken_for_the_next_request(server: Server) -> None:
     "data", [b"\x16\x03\x01\x02\x00\x01\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"<script>\r\n\r\n"]
 )
 def test_nonsense_is_refused_and_not_repeated(server: Server, data: bytes) -> None:
-    answer = say(server, data)
-    assert b"script>" not in answer
+    assert b"script>" not in say(server, data)
     assert ask(server)[0].status == 200
 
 

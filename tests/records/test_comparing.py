@@ -69,8 +69,7 @@ def test_two_frames_of_one_chunk_have_one_time(tmp_path: Path) -> None:
     (receiver,) = record.receivers
     time_s = receiver.time_s.copy()
     time_s[21] = time_s[20]
-    again = emulated_again(record, replace(receiver, time_s=time_s), QUIET)
-    assert len(again.receiver) == 61
+    assert len(emulated_again(record, replace(receiver, time_s=time_s), QUIET).receiver) == 61
 
 
 def test_frames_that_a_fault_withholds_or_damages_are_lost_and_a_dead_antenna_is_heard(tmp_path: Path) -> None:
@@ -79,8 +78,7 @@ def test_frames_that_a_fault_withholds_or_damages_are_lost_and_a_dead_antenna_is
     assert 10 < one.second_lost < 45
     assert one.both < 45
     assert one.all.d_scatter_m < 0.05
-    deaf = with_scenario(folder, replace(QUIET, faults=(Fault("antenna_x", 0.3),)))
-    assert deaf.all.ratio < 0.97
+    assert with_scenario(folder, replace(QUIET, faults=(Fault("antenna_x", 0.3),))).all.ratio < 0.97
 
 
 def test_another_display_law_is_a_ratio_and_a_mount_a_bias_of_the_angle(tmp_path: Path) -> None:
@@ -137,8 +135,7 @@ def test_two_records_of_one_flight_are_paired_by_the_autopilots_clock(tmp_path: 
 def test_the_lag_between_two_receivers_is_that_of_their_latencies(tmp_path: Path) -> None:
     early, late = (rehearse(tmp_path / f"{late_s}", QUIET, FLIGHT, latency_s=late_s) for late_s in (0.3, 1.1))
     one, two = load(late), load(early)
-    pairs = paired_frames(one, two)
-    (result,) = compared(one.receivers[0], two.receivers[0], pairs)
+    (result,) = compared(one.receivers[0], two.receivers[0], paired_frames(one, two))
     assert result.lag_s == pytest.approx(0.8, abs=0.06)
     assert result.hints == []
 
@@ -191,8 +188,7 @@ def test_without_a_surveyed_place_there_is_no_true_range_and_no_scenario(tmp_pat
 
 
 def test_the_bytes_are_kept_with_their_times_so_that_they_can_be_decoded_again(tmp_path: Path) -> None:
-    noise = [(12.0, b"$OTHER,1,2*00\r\n"), (14.5, b"more")]
-    folder = rehearse(tmp_path / "r", QUIET, POINTS, more=noise)
+    folder = rehearse(tmp_path / "r", QUIET, POINTS, more=[(12.0, b"$OTHER,1,2*00\r\n"), (14.5, b"more")])
     chunks = [one for one in KeptBytes.of(folder) if one.link == RECEIVER]
     assert b"".join(one.data for one in chunks) == (folder / "frames.bin").read_bytes()
     assert [(one.time_us - EPOCH_US) / 1e6 for one in chunks if one.data == b"more"] == [pytest.approx(14.5, abs=0.06)]
@@ -211,8 +207,7 @@ def test_a_cut_file_of_bytes_gives_what_is_before_the_cut(tmp_path: Path) -> Non
     folder = rehearse(tmp_path / "r", QUIET, POINTS)
     data = (folder / "frames.bin").read_bytes()
     (folder / "frames.bin").write_bytes(data[:-5])
-    kept = b"".join(one.data for one in KeptBytes.of(folder) if one.link == RECEIVER)
-    assert kept == data[:-33]
+    assert b"".join(one.data for one in KeptBytes.of(folder) if one.link == RECEIVER) == data[:-33]
 
 
 def test_a_receiver_that_restarts_is_said_and_counted() -> None:

@@ -49,8 +49,7 @@ def exported(name: str, recording: Recording) -> bytes:
 
 def where(n: int) -> list[float]:
     """Latitude, longitude, altitude of a frame of `write`."""
-    pose = frames(DEFAULT, COUNT)[n].pose
-    return [float(value) for value in LocalFrame(*HOME).lla(pose.position)]
+    return [float(value) for value in LocalFrame(*HOME).lla(frames(DEFAULT, COUNT)[n].pose.position)]
 
 
 def placemarks(data: bytes) -> dict[str, Any]:
@@ -60,8 +59,7 @@ def placemarks(data: bytes) -> dict[str, Any]:
 
 def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(tmp_path: Path) -> None:
     data = exported("kml", load(write(tmp_path / "flight", COUNT)))
-    path = written(tmp_path / "flight.kml", data)
-    assert validate(file_to_validate=path)
+    assert validate(file_to_validate=written(tmp_path / "flight.kml", data))
     marks = placemarks(data)
     track = marks["receiver"].kml_geometry
     assert len(track.track_items) == COUNT - SILENT
@@ -113,8 +111,7 @@ def test_each_place_of_several_is_there_with_its_ellipse_and_its_order(tmp_path:
 
 
 def test_kml_has_d_beside_each_point_and_nothing_where_nothing_is_heard(tmp_path: Path) -> None:
-    recording = load(write(tmp_path / "flight", COUNT, search=False))
-    root = etree.fromstring(exported("kml", recording))
+    root = etree.fromstring(exported("kml", load(write(tmp_path / "flight", COUNT, search=False))))
     gx = "{http://www.google.com/kml/ext/2.2}"
     arrays = {array.get("name"): [value.text for value in array] for array in root.iter(f"{gx}SimpleArrayData")}
     assert [float(text) for text in arrays["d_m"]] == [
@@ -216,8 +213,7 @@ def test_two_receivers_and_a_search_alone_and_an_empty_run_are_written(name: str
 
 @pytest.mark.parametrize("name", ["kml", "gpx", "geojson", "csv"])  # MCAP is binary
 def test_text_from_outside_is_data_and_nothing_else(name: str, tmp_path: Path) -> None:
-    folder = write(tmp_path / EVIL.replace("/", "-"), 10, search=False)
-    how = write_search(folder, how=EVIL)
+    how = write_search(write(tmp_path / EVIL.replace("/", "-"), 10, search=False), how=EVIL)
     data = exported(name, load(how))
     assert b"\x1b" not in data
     assert "\u202e".encode() not in data
@@ -344,8 +340,7 @@ def test_every_reading_is_there_once_with_the_values_of_the_tables(read: Read, t
     for (stamp, message), (utc_ms, heard, _) in zip(readings, frames, strict=True):
         assert stamp / 1e6 == pytest.approx(utc_ms, abs=1)
         assert message["header"]["stamp"]["sec"] * 10**9 + message["header"]["stamp"]["nanosec"] == stamp
-        told = [(s["id"], s["distance"], s["delta"], s["zone"]) for s in message["arva_signals"]]
-        assert told == heard
+        assert [(s["id"], s["distance"], s["delta"], s["zone"]) for s in message["arva_signals"]] == heard
     poses = [message["pose"]["position"] for topic, _, message in every if topic == "/arva/pose"]
     assert [(p["x"], p["y"], p["z"]) for p in poses] == [place for _, _, place in frames if place]
 
@@ -353,9 +348,8 @@ def test_every_reading_is_there_once_with_the_values_of_the_tables(read: Read, t
 @READERS
 def test_the_place_found_is_there(read: Read, tmp_path: Path) -> None:
     every = {topic: message for topic, _, message in read(mcap_of(write(tmp_path / "run")))}
-    found = json.loads((tmp_path / "run" / "search.json").read_text())["found"]
     assert (every["/search/found"]["latitude"], every["/search/found"]["longitude"]) == pytest.approx(
-        found["lat_lon"], abs=1e-9
+        json.loads((tmp_path / "run" / "search.json").read_text())["found"]["lat_lon"], abs=1e-9
     )
 
 
@@ -376,8 +370,7 @@ def test_a_run_without_a_frame_is_an_empty_file_that_can_be_read(read: Read, tmp
 def test_one_reading_and_a_search_alone(tmp_path: Path) -> None:
     assert [topic for topic, _, _ in by_mcap(mcap_of(write(tmp_path / "one", 1, search=False)))].count("/arva") == 1
     (tmp_path / "search").mkdir()
-    topics = {topic for topic, _, _ in by_mcap(mcap_of(write_search(tmp_path / "search")))}
-    assert "/search/arva" in topics
+    assert "/search/arva" in {topic for topic, _, _ in by_mcap(mcap_of(write_search(tmp_path / "search")))}
 
 
 def test_it_says_that_it_is_of_ros_2_and_which_schemas_it_has(tmp_path: Path) -> None:

@@ -87,8 +87,7 @@ def test_the_profile_and_the_scenario_can_be_read(
 
 def test_a_latency_of_zero_is_no_fault_of_the_scenario(of_exact: ReceiverFit) -> None:
     estimates = {**of_exact.estimates, "latency": replace(of_exact.estimates["latency"], value=0.0004)}
-    text = scenario(replace(of_exact, estimates=estimates), "builtin:paper")
-    assert parse(text, "s.yaml").faults == ()
+    assert parse(scenario(replace(of_exact, estimates=estimates), "builtin:paper"), "s.yaml").faults == ()
 
 
 def test_the_age_of_pulses_is_not_a_delay(of_exact: ReceiverFit) -> None:
@@ -117,8 +116,7 @@ def test_several_records_are_fitted_together(tmp_path: Path) -> None:
         flight_of(load(rehearse(tmp_path / str(seed), replace(chosen, seed=seed), points, latency_s=truth["latency"])))
         for seed, points in enumerate([SHORT[:8], second])
     ]
-    found = fit(flights, "paper", GPS)
-    far = np.abs(list(misses(found.estimates, truth).values()))
+    far = np.abs(list(misses(fit(flights, "paper", GPS).estimates, truth).values()))
     assert len(far) >= 8
     assert far.max() < 2, far
 
@@ -166,8 +164,7 @@ def test_a_surveyed_place_100_m_off_is_said(tmp_path: Path) -> None:
     wrong = LocalFrame(*HOME).lla([truth["transmitter 1 north"] + 100, truth["transmitter 1 east"], 0.0])
     lat, lon, alt = (float(value) for value in wrong)
     folder = rehearse(tmp_path / "r", replace(chosen, navigation_error=None), SHORT[:9], surveyed=[(1, lat, lon, alt)])
-    found = fitted(folder, EXACT)
-    (doubt,) = [one for one in found.doubts if "surveyed place" in one]
+    (doubt,) = [one for one in fitted(folder, EXACT).doubts if "surveyed place" in one]
     assert 80 < float(doubt.split("about ")[1].split(" m")[0]) < 115
 
 
@@ -207,8 +204,7 @@ def test_the_levels_are_those_of_the_vehicle(tmp_path: Path) -> None:
     assert (off, quiet) == (pytest.approx(0, abs=0.02), 0)
     assert on == pytest.approx(0.5, abs=0.03)
     assert loud == pytest.approx(5.0, rel=0.3)
-    text = noise_profile(ground, [(off, quiet), (on, loud)])
-    parse_profile(text, "receiver", "noise.yaml")
+    parse_profile(noise_profile(ground, [(off, quiet), (on, loud)]), "receiver", "noise.yaml")
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:

@@ -94,8 +94,7 @@ def test_the_true_range_goes_on_where_nothing_is_heard(axes: Axes, tmp_path: Pat
     scenario = parse("transmitters: [{id: 5, enu: [0, 500, 0]}]\n", "x")
     recording = load(write(tmp_path / "flight", COUNT, scenario, search=False))
     draw_distance(axes, recording, recording.receivers[0])
-    ranges = labelled(axes)["transmitter 5: true range"][SILENT:, 1]
-    assert ranges.tolist() == pytest.approx(
+    assert labelled(axes)["transmitter 5: true range"][SILENT:, 1].tolist() == pytest.approx(
         [np.hypot(500 - 0.9 * n, np.hypot(0.3 * n, 3)) for n in range(SILENT, COUNT)]
     )
 
@@ -112,8 +111,7 @@ def test_the_timeline_has_each_fault_when_it_struck(axes: Axes, tmp_path: Path) 
 
 
 def test_the_lateness_is_that_of_all_frames(axes: Axes, tmp_path: Path) -> None:
-    recording = load(write(tmp_path / "flight", COUNT))
-    draw_lateness(axes, recording.receivers[0])
+    draw_lateness(axes, load(write(tmp_path / "flight", COUNT)).receivers[0])
     assert sum(bar.get_height() for bar in axes.patches) == COUNT  # type: ignore[attr-defined]
     assert "50 % of the frames: up to 2 ms" in labelled(axes)
     assert axes.get_xlabel().endswith(", ms")

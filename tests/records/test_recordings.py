@@ -80,8 +80,7 @@ def test_what_was_read_of_one_transmitter(read: Recording) -> None:
     assert np.abs(d_m[SILENT:] - range_m[SILENT:]).max() < 0.6 * range_m[SILENT:].max()
     assert np.isnan(delta[zone != 1]).all()
     assert np.isfinite(delta[zone == 1]).all()
-    nothing = receiver.of_transmitter(7)
-    assert np.isnan(nothing[0]).all()
+    assert np.isnan(receiver.of_transmitter(7)[0]).all()
 
 
 def test_a_record_says_what_was_run_where_and_when(read: Recording) -> None:
@@ -185,8 +184,7 @@ def test_a_run_that_was_killed_has_what_was_written_and_its_datum_by_the_events(
 
 def test_a_line_that_is_cut_is_left_out_with_its_frame_and_said_once(folder: Path) -> None:
     for name in ("readings.csv", "search.csv", "events.jsonl"):
-        data = (folder / name).read_bytes()
-        (folder / name).write_bytes(data[:-9])
+        (folder / name).write_bytes((folder / name).read_bytes()[:-9])
     read = load(folder)
     assert len(read.receivers[0]) == 29
     assert len(read.search.time_s) == 29  # type: ignore[union-attr]
@@ -250,8 +248,7 @@ def test_a_record_of_an_older_program_has_no_lateness_and_no_events(folder: Path
 
 
 def test_a_flight_of_a_clock_that_was_stepped_has_the_time_of_the_computer(tmp_path: Path) -> None:
-    read = load(write(tmp_path / "flight", 6, search=False, epoch_us=0))
-    assert read.start_utc_s == 1_798_761_600.0
+    assert load(write(tmp_path / "flight", 6, search=False, epoch_us=0)).start_utc_s == 1_798_761_600.0
 
 
 def test_a_scenario_that_this_program_cannot_read_costs_only_what_needs_it(folder: Path) -> None:
@@ -377,8 +374,7 @@ def test_a_reading_takes_less_than_a_hundred_bytes(tmp_path: Path) -> None:
     read, notes = read_receiver(tmp_path / "readings.csv")
     assert notes == []
     assert len(read) == 5000
-    each = sum(a.nbytes for a in vars(read).values() if isinstance(a, np.ndarray)) / 20_000
-    assert 10 < each < 100
+    assert 10 < sum(a.nbytes for a in vars(read).values() if isinstance(a, np.ndarray)) / 20_000 < 100
 
 
 # -- the rates of a vehicle's messages: those of its own packets in the log of the link ------------------------

@@ -126,9 +126,8 @@ def test_a_page_is_whole_and_asks_for_nothing(tmp_path: Path) -> None:
 
 
 def test_what_happened_is_told_in_the_words_of_the_console(tmp_path: Path) -> None:
-    said = words(page([load(write(tmp_path / "flight", COUNT))]))
     says(
-        said,
+        words(page([load(write(tmp_path / "flight", COUNT))])),
         "datum: 46.0123000, 7.7456000, 1650.00 m AMSL",
         "20.0 s warning no pose: frames have no signal until there is one (the newest is 2.5 s old)",
     )

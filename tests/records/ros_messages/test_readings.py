@@ -65,8 +65,7 @@ def test_a_reading_has_all_slots_of_its_instant() -> None:
 def test_the_direction_is_the_field_in_the_receivers_frame() -> None:
     """The default's dipole points north, 3 m ahead of the receiver and 2 m below it."""
     direction = by_topic(messages().of_event(made()))["/arva"]["arva_signals"][0]["direction"]
-    r = np.array([-3.0, 0.0, -2.0])
-    n, axis = r / math.sqrt(13), np.array([1.0, 0.0, 0.0])
+    n, axis = np.array([-3.0, 0.0, -2.0]) / math.sqrt(13), np.array([1.0, 0.0, 0.0])
     field = (3 * (n @ axis) * n - axis) / (4 * math.pi * 13**1.5)
     assert [direction["x"], -direction["y"], -direction["z"]] == pytest.approx(field.tolist(), rel=1e-12)
 
@@ -86,8 +85,7 @@ def test_the_pose_is_told_three_ways() -> None:
 
 
 def test_what_the_vehicle_reports_is_told_where_it_is_not_the_truth() -> None:
-    reported = Pose(np.array([18.0, 5.0, -2.0]), np.eye(3))
-    told = by_topic(messages().of_event(made(reported_pose=reported)))
+    told = by_topic(messages().of_event(made(reported_pose=Pose(np.array([18.0, 5.0, -2.0]), np.eye(3)))))
     assert told["/arva/reported_pose"]["pose"]["position"] == {"x": 5, "y": 18, "z": 2}
     assert told["/arva/pose"]["pose"]["position"]["y"] == 17
 
@@ -150,8 +148,7 @@ def test_a_transmitter_that_follows_a_vehicle_is_not_drawn_where_it_is_not() -> 
 
 
 def test_a_pose_of_nothing_but_nan_breaks_nothing() -> None:
-    nothing = Pose(np.full(3, np.nan), np.full((3, 3), np.nan))
-    told = by_topic(messages().of_event(made(nothing, EMPTY)))
+    told = by_topic(messages().of_event(made(Pose(np.full(3, np.nan), np.full((3, 3), np.nan)), EMPTY)))
     assert {s["ns"] for s in told["/arva/visualization"]["markers"]} == {"transmitters", "dipoles"}  # no arrow
     assert told["/arva/pose"]["pose"]["position"]["x"] == "NaN"
 

@@ -46,8 +46,7 @@ def test_whatever_a_reading_holds_another_reader_reads(message: Arva) -> None:
 
 def test_the_bytes_of_a_known_message() -> None:
     """By hand: the header, then each value on a multiple of its size from there."""
-    message = Header(Time(1, 2), "map")
-    assert encode(message).hex(" ", 4) == "00010000 01000000 02000000 04000000 6d617000"
+    assert encode(Header(Time(1, 2), "map")).hex(" ", 4) == "00010000 01000000 02000000 04000000 6d617000"
     assert encode(Point(1.0, 0.0, -1.0)).hex() == "00010000" + "000000000000f03f" + "00" * 8 + "000000000000f0bf"
 
 
