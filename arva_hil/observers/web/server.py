@@ -13,6 +13,7 @@ import selectors
 import socket
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -71,8 +72,8 @@ def parse_request(data: bytearray, end: int) -> Request:
     if match["method"] not in ("GET", "HEAD"):
         raise Refused(HTTPStatus.METHOD_NOT_ALLOWED, "only GET and HEAD")
     headers: dict[str, list[str]] = {}
-    for field in filter(None, fields):
-        headers.setdefault(field[1].lower(), []).append(field[2].strip())
+    for one in filter(None, fields):
+        headers.setdefault(one[1].lower(), []).append(one[2].strip())
     try:
         parts = urlsplit(match["target"])
         every = parse_qs(parts.query[:_LONGEST_QUERY], max_num_fields=4) if parts.query else {}
@@ -160,17 +161,17 @@ def pages() -> dict[str, Content]:
     return found
 
 
+@dataclass(eq=False)
 class _Connection:
     """One client: the bytes of its next request, and the rest of the last answer."""
 
-    def __init__(self, client: socket.socket, due_s: float) -> None:
-        self.socket = client
-        self.due_s = due_s  # the end of the request, or of the answer
-        self.asked = bytearray()
-        self.rest: list[bytes] = []
-        self.sent = 0  # bytes of the first one that were sent
-        self.is_last = False  # it ends after this answer
-        self.is_over = False  # further bytes are dropped, so that the last answer arrives
+    socket: socket.socket
+    due_s: float  # the end of the request, or of the answer
+    asked: bytearray = field(default_factory=bytearray)
+    rest: list[bytes] = field(default_factory=list)
+    sent: int = 0  # bytes of the first one that were sent
+    is_last: bool = False  # it ends after this answer
+    is_over: bool = False  # further bytes are dropped, so that the last answer arrives
 
 
 class Server:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import secrets
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from arva_hil.events import DatumSet, Event, FrameMade, PacketsReceived, StatusReport
@@ -28,15 +28,15 @@ _KAPPA_EQ: Final = 1.542
 Key = tuple[str, str]  # vehicle, receiver
 
 
+@dataclass
 class _ShownReceiver:
-    """One receiver: its history, and the values of its newest frame alone."""
+    """One receiver: its history, and the values of its newest frame alone. `down_m`: in the map."""
 
-    def __init__(self) -> None:
-        self.history = jsons.TextHistory()
-        self.frames = 0
-        self.sent = True
-        self.faults: tuple[str, ...] = ()
-        self.down_m: float | None = None  # in the map
+    history: jsons.TextHistory = field(default_factory=jsons.TextHistory)
+    frames: int = 0
+    sent: bool = True
+    faults: tuple[str, ...] = ()
+    down_m: float | None = None
 
 
 @dataclass

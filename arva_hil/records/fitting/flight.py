@@ -103,10 +103,12 @@ def flight_of(recording: Recording) -> RecordedFlight:
     if not ids:
         raise FitError(f"{recording.folder}: no frame contains a transmitter: was it on, and is the format right?")
     track_s, track, attitude, frame = _track(recording)
+    after = np.clip(np.searchsorted(track_s, receiver.time_s), 1, len(track_s) - 1)
+    gaps = np.minimum(np.abs(track_s[after] - receiver.time_s), np.abs(track_s[after - 1] - receiver.time_s))
     rows = []
     for index, id_ in enumerate(ids):
         d_m, delta, zone, _ = receiver.of_transmitter(id_)
-        use = (zone > 0) & (d_m > 0) & _covered(receiver.time_s, track_s)
+        use = (zone > 0) & (d_m > 0) & (gaps <= MOST_GAP_S)
         rows.append((receiver.time_s[use], np.full(use.sum(), index), d_m[use], delta[use], zone[use] == 2))
     time_s, who, d_m, delta, inner = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     if not len(time_s):
@@ -174,13 +176,6 @@ def with_near_signs(quaternions: Floats) -> Floats:
     turned = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
     signs = np.cumprod(np.where(turned == 0, 1, turned))
     return np.vstack([quaternions[:1], quaternions[1:] * signs[:, None]])
-
-
-def _covered(time_s: Floats, track_s: Floats) -> NDArray[np.bool_]:
-    """Return True for each time with poses before and after it in the track."""
-    after = np.clip(np.searchsorted(track_s, time_s), 1, len(track_s) - 1)
-    gap = np.minimum(np.abs(track_s[after] - time_s), np.abs(track_s[after - 1] - time_s))
-    return np.asarray(gap <= MOST_GAP_S)
 
 
 def _places(recording: Recording, frame: LocalFrame) -> dict[int, Floats]:

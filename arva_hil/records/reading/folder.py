@@ -142,7 +142,9 @@ def load(folder: Path) -> Recording:
         started = search.started_utc_s if search else None
         return Recording(folder, None, (), search, tuple(news), (), started, started, {}, tuple(notes + more))
     run, notes = _run(folder / RUN)
-    names = receivers_of(run.scenario) if run.scenario else _receivers_there(folder)
+    # their folders, if the scenario cannot be read
+    there = sorted((path.parts[-3], path.parts[-2]) for path in folder.glob(f"*/*/{READINGS}"))
+    names = receivers_of(run.scenario) if run.scenario else there
     layout, receivers = RecordLayout(tuple(names)), []
     for vehicle, receiver in names if len(names) > 1 else [("", "")]:
         read, more = read_receiver(folder / layout.of_receiver(vehicle, receiver, READINGS), vehicle, receiver)
@@ -186,11 +188,6 @@ def _run(path: Path) -> tuple[RecordedRun, list[str]]:
         return RecordedRun(said, parse(json.dumps(said.get("scenario")), f"{path}: scenario")), notes
     except ScenarioError as error:
         return RecordedRun(said, None), [*notes, f"the scenario cannot be read: {error.problems[0]}"]
-
-
-def _receivers_there(folder: Path) -> list[tuple[str, str]]:
-    """Return the names of several receivers by their folders, for a record whose scenario cannot be read."""
-    return sorted((path.parts[-3], path.parts[-2]) for path in folder.glob(f"*/*/{READINGS}"))
 
 
 def _events(path: Path) -> tuple[list[dict[str, Any]], list[str]]:

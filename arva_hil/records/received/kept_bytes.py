@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from arva_hil.records.reading import Lines, RecordingError, logged, refuse_no_file, table
 from arva_hil.records.received.receiver_log import AUTOPILOT, RECEIVER, ReceiverLog
-from arva_hil.records.writing.layout import CHUNKS, FRAMES, TLOG
+from arva_hil.records.writing.layout import CHUNK_COLUMNS, CHUNKS, FRAMES, TLOG
 from arva_hil.runtime.audience import Audience
 
 _STEP_S: Final = 0.1  # between two calls of `advance`
@@ -50,14 +50,11 @@ def _chunks(folder: Path) -> Iterator[KeptBytes]:
     if not (folder / CHUNKS).exists():
         raise RecordingError(folder, f"there is no {CHUNKS} in it: only a record of `arva-hil record` has one")
     lines = Lines(folder / CHUNKS)
-    columns, rows = table(lines, ("utc_us", "bytes"))
+    columns, rows = table(lines, CHUNK_COLUMNS)
     refuse_no_file(folder / FRAMES)
     with open(folder / FRAMES, "rb") as data:
         for row in rows:
-            try:
-                time_us, size = int(row[columns["utc_us"]]), int(row[columns["bytes"]])
-            except ValueError:
-                raise lines.error("expected two whole numbers") from None
+            time_us, size = (lines.whole_number(row[columns[name]]) for name in CHUNK_COLUMNS)
             if size < 0 or len(chunk := data.read(size)) < size:
                 return  # a program that was killed has written the one and not the other
             yield KeptBytes(time_us, RECEIVER, chunk)
