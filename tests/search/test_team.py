@@ -37,8 +37,7 @@ from arva_hil.search.mission.outcome import Outcome
 from arva_hil.search.strategies.analysis import AnalysisResult, Inline
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found, Observation, towards
-from arva_hil.search.team.spacing import Near, kept_apart
-from arva_hil.search.team.team import Bus, TeamField, Teammate, divide, strips_of
+from arva_hil.search.team.team import Bus, Near, TeamField, Teammate, divide, kept_apart, strips_of
 from arva_hil.search.team.team_tunnel import TEAM_TYPE, HeardAt, News, TeamTunnel, encode
 from arva_hil.search.team.team_tunnel import parse as read
 from arva_hil.simulated.autopilot import Mode

@@ -13,8 +13,7 @@ from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.search.flight.client import COMPONENT
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.team.spacing import apart_m
-from arva_hil.search.team.team import TeamField, Teammate, strips_of
+from arva_hil.search.team.team import TeamField, Teammate, apart_m, strips_of
 from arva_hil.search.team.team_tunnel import TEAM_TYPE, VERSION, News, TeamTunnel, encode, parse
 from arva_hil.simulated import HOME
 from tools.fuzz.script import Script, packet
