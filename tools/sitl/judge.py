@@ -156,7 +156,7 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
 
 def _judge_way(flight: Flight, simulator: Simulator, search: Program, acted: float, buried: Buried) -> None:
     """Judge the true places, and the times of the set-points."""
-    notes, places = simulator.relay.notes, simulator.relay.places
+    notes, places = list(simulator.relay.notes), list(simulator.relay.places)  # the relay goes on
     landing = next((n.time_s for n in notes if n.up and orders_landing(n.message)), math.inf)
     begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted, landing)
     heights = dict(zip(places, simulator.heights(places), strict=True))
