@@ -282,7 +282,7 @@ LINKS: Final = Registry(  # by an address's kind; for links of other packages th
         "udpin": "arva_hil.links.udp:UdpInLink",
         "udpout": "arva_hil.links.udp:UdpOutLink",
         "tcp": "arva_hil.links.tcp:TcpLink",
-        "tcpin": "arva_hil.links.tcp_server:TcpServerLink",
+        "tcpin": "arva_hil.links.tcp:TcpServerLink",
         "tlog": "arva_hil.links.tlog:TlogLink",
         "stdout": "arva_hil.links.stdout:StdoutLink",
         "can": "arva_hil.links.dronecan:DroneCanLink",

@@ -73,7 +73,7 @@ class BenchPort:
         if self.kind == "memory":
             self.link, self.far = memory.pair()
         elif self.kind == "tcp":
-            from arva_hil.links.tcp_server import TcpServerLink
+            from arva_hil.links.tcp import TcpServerLink
 
             server = TcpServerLink(port=int(self._url.rpartition(":")[2]), clock=self._clock)
             self.link, self._url = server, server.name

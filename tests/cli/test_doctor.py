@@ -27,8 +27,7 @@ from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial
 from arva_hil.links.serial_ports import SerialPort
-from arva_hil.links.tcp import TcpLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing

@@ -18,8 +18,7 @@ import serial
 from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial_ports import list_ports
-from arva_hil.links.tcp import TcpLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
 from arva_hil.links.udp import UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.runtime.loop import run

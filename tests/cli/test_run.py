@@ -21,8 +21,7 @@ import pytest
 
 from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tcp import TcpLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect

@@ -25,7 +25,7 @@ from arva_hil.events.reasons import Why, because
 from arva_hil.links import Link
 from arva_hil.links.memory import pair
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpServerLink
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.outcome import Outcome

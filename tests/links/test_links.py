@@ -18,8 +18,7 @@ from arva_hil.links.memory import pair
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import SerialLink, open_serial
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.links.tcp import TcpLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
 from arva_hil.links.tlog import TlogLink, tlog_record
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from tests.links.links_waiting import DEADLINE_S, receive, until

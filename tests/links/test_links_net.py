@@ -19,8 +19,7 @@ import pytest
 from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink, open_stdout
-from arva_hil.links.tcp import TcpLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from tests.every import every
 from tests.free_ports import free_port

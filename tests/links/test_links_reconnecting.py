@@ -24,8 +24,7 @@ from arva_hil.links.processes import far_program, holders
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reconnecting import Job, ReconnectingLink, open_reconnecting
 from arva_hil.links.serial_ports import Barred, SerialOpener, stable_name
-from arva_hil.links.tcp import TcpLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
 from tests.every import every
 from tests.free_ports import free_port
 from tests.links.links_waiting import Keep, receive, until

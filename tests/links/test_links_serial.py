@@ -19,7 +19,7 @@ from arva_hil.links import serial as serial_module
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial, open_url
 from arva_hil.links.serial_ports import SerialPort, find_autopilot, list_ports
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpServerLink
 from tests.every import every
 from tests.links.links_waiting import Keep, receive, until
 

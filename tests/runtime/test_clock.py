@@ -16,8 +16,7 @@ from arva_hil.clock import RealClock, await_descriptors, punctual
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.links.tcp import TcpLink
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 
 LONG_S = 60.0

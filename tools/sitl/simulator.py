@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from arva_hil.clock import RealClock
 from arva_hil.links import Link, LinkError, open_link
-from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.tcp import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.loop import run
