@@ -236,7 +236,7 @@ def main() -> None:
     print("a scenario's transmitter → field:", transmitter_to_field())
     imported = arrows(modules("arva_hil"))
     places = rooms(imported)
-    print("a circle of files:", " ← ".join(circle(imported)) or "none")
+    print("circles of files:", " ← ".join(circle(imported)) or 0)
     print("pairs of rooms that import each other:", len(pairs(places)))
     print("places at the top of arva_hil/:", len(places))
     every = classes()
