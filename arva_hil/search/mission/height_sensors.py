@@ -234,8 +234,8 @@ _SAME_SLOPE: Final = 0.2  # slope of that ground
 _DRIFTED_M: Final = 1.0  # a fall of the ground that is not followed, before a check
 _HOVER_M_S: Final = 0.3
 _SETTLE_S: Final = 1.0  # from the stop until the hover counts
-_CHECK: Final = 0.8  # √s: duration of a check over the root of the time since the last one, because errors of checks
-_LONGEST_S: Final = 8.0  # add up as a root; the largest duration
+_CHECK: Final = 0.8  # √s: duration of a check, over the root of the time since the last one; their errors add up so
+_LONGEST_S: Final = 8.0  # the largest duration
 _SUNK_M: Final = 1.0  # climb or descent in that time: the vehicle does not hover
 _STEADY_M: Final = 0.1  # largest change of a steady height in that time
 
