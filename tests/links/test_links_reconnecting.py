@@ -17,13 +17,13 @@ import pytest
 import serial
 
 from arva_hil.clock import RealClock, StepClock
-from arva_hil.links import Address, Link, LinkEnded, LinkError, parse, serial_ports
+from arva_hil.links import Address, Link, LinkEnded, LinkError, parse, reconnecting
 from arva_hil.links.base import Absent
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.processes import far_program, holders
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.reconnecting import Job, ReconnectingLink, open_reconnecting
-from arva_hil.links.serial_ports import Barred, SerialOpener, stable_name
+from arva_hil.links.reconnecting import Barred, Job, ReconnectingLink, SerialOpener, open_reconnecting
+from arva_hil.links.serial_ports import stable_name
 from arva_hil.links.tcp import TcpLink, TcpServerLink
 from tests.every import every
 from tests.free_ports import free_port
@@ -481,7 +481,7 @@ def test_one_that_is_not_there_is_nobodys(tmp_path: Path, monkeypatch: pytest.Mo
     assert opener.path == far.path
     far.close()
     asked: list[str] = []
-    monkeypatch.setattr("arva_hil.links.serial_ports.far_program", lambda path: asked.append(path) or "")
+    monkeypatch.setattr("arva_hil.links.reconnecting.far_program", lambda path: asked.append(path) or "")
     monkeypatch.setattr(os.path, "exists", lambda path: False)
     with pytest.raises(LinkError, match=f"{far.path}: no such port"):
         opener()
@@ -542,14 +542,14 @@ def test_one_that_is_free_when_it_is_looked_into_is_taken(tmp_path: Path, monkey
     path = str(tmp_path / "line")
     far = PtyLink(path)
     tries = Tries(path, monkeypatch)
-    whole = serial_ports.open_link
+    whole = reconnecting.open_link
 
     def opens(address: Address, *, clock: StepClock, brief: bool) -> Link:
         if brief:
             raise LinkError(path, "cannot be opened") from OSError(errno.EBUSY, "Device or resource busy")
         return whole(address, clock=clock)
 
-    monkeypatch.setattr(serial_ports, "open_link", opens)
+    monkeypatch.setattr(reconnecting, "open_link", opens)
     for _ in range(2):  # and the next absence is a new one
         assert tries.go(0.95) == []
         tries.opener().close()

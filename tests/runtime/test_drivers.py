@@ -16,8 +16,7 @@ from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Link, LinkError
 from arva_hil.links.base import Sender
 from arva_hil.links.memory import MemoryLink, pair
-from arva_hil.links.reconnecting import ReconnectingLink
-from arva_hil.links.serial_ports import Barred
+from arva_hil.links.reconnecting import Barred, ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.runtime.loop import run
