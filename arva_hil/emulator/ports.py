@@ -30,10 +30,8 @@ if TYPE_CHECKING:
     from arva_hil.emulator.faults.plan import Faults  # slow to import, and most runs have none
     from arva_hil.emulator.faults.sending import Outbox
 
-
 _LATE_S: Final = 0.05  # a frame that is made later than this is late
 _OFTEN: Final = 10  # emit an event if there are this many more late frames than others
-
 
 Obey = Callable[[float, str, Sequence[float]], Answer]
 """Handles a command of the host: the time on the driver's clock, its name and its values."""

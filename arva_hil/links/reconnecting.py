@@ -25,8 +25,6 @@ Job = Callable[[], None]
 _FIRST_PAUSE_S: Final = 0.05  # before the first try, and twice as long before each further one
 _LONGEST_PAUSE_S: Final = 0.4
 _LASTING_S: Final = 0.3  # a new connection counts as a return after this time, or with its first bytes
-
-
 _STUBBORN_S: Final = 1.0  # after a port is plugged in, its permissions are set late, and other programs probe it
 _BARRED: Final = frozenset((errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM))
 
