@@ -91,8 +91,15 @@ def draw(kind: Random, seed: int) -> Scenario:
 
 
 def _axes(plan: CampaignPlan) -> tuple[Sequence[Any], ...]:
-    named = list(plan.scenarios.items())
-    return plan.seeds, named, plan.noise, plan.wind_m_s, plan.gps_noise_m, plan.take_off_m, plan.drones
+    return (
+        plan.seeds,
+        list(plan.scenarios.items()),
+        plan.noise,
+        plan.wind_m_s,
+        plan.gps_noise_m,
+        plan.take_off_m,
+        plan.drones,
+    )
 
 
 def _scenario(kind: Scenario | Random, seed: int, noise: NoiseKind | None) -> Scenario:

@@ -37,8 +37,10 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
     )
     lines = table_lines([("strategy", *_HEAD), *each])
     far = found_far(rows, success_m)
-    foot = f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %; "
-    foot += "false: found, but more than 2 m / 3σ off"
+    foot = (
+        f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %; "
+        "false: found, but more than 2 m / 3σ off"
+    )
     return "\n".join([*lines, foot, *([far] if far else [])])
 
 
@@ -54,8 +56,8 @@ def latex(rows: Sequence[TrialRow], success_m: float) -> str:
         r"\midrule",
         *lines[1:],
         r"\bottomrule",
+        r"\end{tabular}",
     ]
-    made.append(r"\end{tabular}")
     for one in differences(rows, success_m):
         rate = _interval(*(100 * x for x in one.success), form="+.1f", unit="points")
         time = _interval(*one.time_s, form="+.0f", unit="s") if one.time_s else "no pair of successes"

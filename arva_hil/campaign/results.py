@@ -222,8 +222,10 @@ class Results:
         try:
             return float(self._database.execute("SELECT success_m FROM plan").fetchone()[0])
         except (sqlite3.Error, TypeError):
-            what = f"{self.path}: the campaign is not complete, or of an older arva-hil"
-            raise ResultsError(f"{what}: run the same command of `campaign` again") from None
+            raise ResultsError(
+                f"{self.path}: the campaign is not complete, or of an older arva-hil: "
+                "run the same command of `campaign` again"
+            ) from None
 
     def close(self) -> None:
         self._database.close()

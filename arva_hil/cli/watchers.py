@@ -109,7 +109,7 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
 
     extra = "foxglove" if options.foxglove else "ros2"
     with needing(extra, f"--{extra}"):
-        from arva_hil.records.ros_messages.live import LiveMessages
+        from arva_hil.records.ros_messages.readings import LiveMessages
 
     def messages() -> LiveMessages:
         return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy"))

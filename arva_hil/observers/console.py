@@ -149,8 +149,7 @@ class LinePrinter:
 
     def observe(self, event: Event) -> None:
         if (text := self._render(event)) is not None:
-            line = (text + "\n").encode()
-            self._background.put(lambda: self._link.write(line), self.give_up)
+            self._background.put(partial(self._link.write, f"{text}\n".encode()), self.give_up)
 
     @property
     def error(self) -> Exception | None:

@@ -12,7 +12,7 @@ from typing import Any, Final
 from arva_hil.errors import ArvaError
 from arva_hil.events import Event
 from arva_hil.observers.web.address import HostPort
-from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.readings import LiveMessages
 from arva_hil.records.ros_messages.types import Message, encode, schema
 
 INSTALL: Final = "pip install 'arva-hil[foxglove]'"

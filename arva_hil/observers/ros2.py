@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from arva_hil.errors import ArvaError
 from arva_hil.events import BytesSent, Event, PacketsReceived
-from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.readings import LiveMessages
 from arva_hil.records.ros_messages.types import PUBLISHED, Message, encode
 from arva_hil.runtime.worker_thread import WorkerThread
 

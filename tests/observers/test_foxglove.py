@@ -25,7 +25,7 @@ from arva_hil.observers import ros2
 from arva_hil.observers.foxglove import FoxgloveError, FoxgloveServer
 from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher
 from arva_hil.observers.web.address import HostPort
-from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.readings import LiveMessages
 from arva_hil.records.ros_messages.types import PUBLISHED
 from tests.files import rows as table
 from tests.records.ros_messages.oracle import read

@@ -12,7 +12,7 @@ import yaml
 import arva_hil
 import firmware_proto
 from arva_hil.config import DEFAULT
-from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.readings import LiveMessages
 from arva_hil.records.ros_messages.types import MAP
 from tools.__main__ import PROGRAMS
 

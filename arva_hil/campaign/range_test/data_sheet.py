@@ -82,8 +82,9 @@ def lines(sheet: DataSheet) -> Iterator[str]:
     receiver, transmitter, plan = sheet.scenario.receiver, sheet.scenario.transmitters[0], sheet.plan
     of = f" {sheet.name}" if sheet.name else ""
     keyed = f", {transmitter.keying.kind}" if transmitter.keying else ""
-    of += f": model {receiver.model}, {receiver.rate_hz:g} Hz"
-    yield f"range test of receiver{of}; scenario {sheet.scenario.source}"
+    yield (
+        f"range test of receiver{of}: model {receiver.model}, {receiver.rate_hz:g} Hz; scenario {sheet.scenario.source}"
+    )
     yield f"transmitter {transmitter.id}: strength {transmitter.strength:g}{keyed}"
     yield (
         f"{plan.walks} walks a coupling at {plan.speed_m_s:g} m/s, {plan.height_m:g} m above the transmitter; "

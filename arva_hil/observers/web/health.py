@@ -142,8 +142,7 @@ class Health:
         if self._report is None:  # of a search: each vehicle has its packets under its own name
             sources = {link: (link, system) for link, system in reversed(self._heard_s)}
             return [{**self._bare(name), "checks": self._checks(sources.get(name), now)} for name in self._labels]
-        every = self._report.vehicles
-        return [{**self._vehicle(one), "checks": self._checks(one.source, now)} for one in every]
+        return [{**self._vehicle(one), "checks": self._checks(one.source, now)} for one in self._report.vehicles]
 
     def links(self) -> list[dict[str, Any]]:
         """Return the links, each with address, state, and number and reason of its losses."""

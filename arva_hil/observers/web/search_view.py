@@ -120,7 +120,9 @@ class SearchView:
         found: list[searches.VictimNoted | searches.PlaceFound] = [*self._victims.values()]
         if self._found is not None and not found:
             found = [self._found]
-        made: dict[str, Any] = {
+        last = self._found
+        means = [sum(one[axis] * one[2] for one in belief.hypotheses) for axis in (0, 1)]
+        return {
             "vehicle": one_line(self._vehicle),
             "phase": self._phase,
             "ended": self._ended,
@@ -134,24 +136,19 @@ class SearchView:
             "left_s": None if begun.limit_s is None or took_s is None else round(max(0.0, begun.limit_s - took_s)),
             "victims": [self._shown_victim(one, place(one.north_m, one.east_m), over=over) for one in found],
             "hypotheses": [[*place(n, e), round(share, 4)] for n, e, share in belief.hypotheses],
-            "mean": None,
+            "mean": place(*means) if belief.hypotheses else None,
             "covariance": _covariance(belief.covariance),
             "goal": belief.goal and place(*belief.goal),
-            "found": None,
-        }
-        if belief.hypotheses:
-            means = (sum(one[axis] * one[2] for one in belief.hypotheses) for axis in (0, 1))
-            made["mean"] = place(*means)
-        if (last := self._found) is not None:
-            made["found"] = {
+            "found": last
+            and {
                 "id": last.transmitter,
                 "place": place(last.north_m, last.east_m),
                 "covariance": _covariance(last.covariance),
                 "relative_covariance": _covariance(last.relative_covariance),
                 "earth_covariance": _covariance(last.earth_covariance),
                 "sure": last.sure,
-            }
-        return made
+            },
+        }
 
 
 @functools.lru_cache(_MOST_VICTIMS)

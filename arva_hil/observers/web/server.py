@@ -54,8 +54,9 @@ class Request(NamedTuple):
         """
         hosts = self.headers.get("host", ())
         if len(hosts) != 1 or not _is_ours(hosts[0].lower(), host.lower(), here):
-            why = "this host name is not served here: use the address that the program has printed"
-            raise Refused(HTTPStatus.FORBIDDEN, why)
+            raise Refused(
+                HTTPStatus.FORBIDDEN, "this host name is not served here: use the address that the program has printed"
+            )
         if any(origin.lower() != f"http://{hosts[0].lower()}" for origin in self.headers.get("origin", ())):
             raise Refused(HTTPStatus.FORBIDDEN, "only the page of this address may ask")
 

@@ -150,8 +150,16 @@ class RecordedState(State):
             end_s = search.start_s + float(flown[-1]) if len(flown) else 0.0
             sure = search.outcome.get("outcome") == "found"
             target = None if search.target == NO_ID else search.target
-            spread = found.covariance, sure, found.relative_covariance, found.earth_covariance
-            yield PlaceFound(end_s, target, found.north, found.east, *spread)
+            yield PlaceFound(
+                end_s,
+                target,
+                found.north,
+                found.east,
+                found.covariance,
+                sure,
+                found.relative_covariance,
+                found.earth_covariance,
+            )
         if SearchEnded not in kinds and search.how:  # the vehicle was taken over, or lost
             yield SearchEnded(self.span_s[1], [because(Why.ERROR, text=search.how)], False)
 

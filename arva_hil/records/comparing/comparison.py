@@ -76,10 +76,12 @@ class Comparison:
     def as_json(self) -> dict[str, Any]:
         """Return everything but the readings as JSON."""
         names = ("id", "frames", "both", "first_only", "second_only", "first_lost", "second_lost", "lag_s")
-        plain: dict[str, Any] = {name: getattr(self, name) for name in names}
-        plain["all"] = asdict(self.all) if self.all else None
-        plain["by"] = {name: [asdict(one) for one in group] for name, group in self.groups.items()}
-        return {**plain, "hints": list(self.hints)}
+        return {
+            **{name: getattr(self, name) for name in names},
+            "all": asdict(self.all) if self.all else None,
+            "by": {name: [asdict(one) for one in group] for name, group in self.groups.items()},
+            "hints": list(self.hints),
+        }
 
 
 class _Columns(NamedTuple):

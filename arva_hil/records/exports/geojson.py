@@ -40,8 +40,11 @@ def _features(recording: Recording) -> Iterator[dict[str, Any]]:
 
 
 def _feature(kind: str, shape: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
-    geometry = {"type": shape, "coordinates": coordinates}
-    return {"type": "Feature", "geometry": geometry, "properties": {"kind": kind, **properties}}
+    return {
+        "type": "Feature",
+        "geometry": {"type": shape, "coordinates": coordinates},
+        "properties": {"kind": kind, **properties},
+    }
 
 
 def _mark(mark: Landmark) -> Iterator[dict[str, Any]]:

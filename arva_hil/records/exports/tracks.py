@@ -124,8 +124,7 @@ def _found(recording: Recording) -> Iterator[Landmark]:
     if search is None:
         return
     for number, found in enumerate(search.victims, 1):
-        doubt = "" if found.sure else "not sure; "
-        order = f"{number} of {len(search.victims)} in the order of probing; {doubt}"
+        order = f"{number} of {len(search.victims)} in the order of probing; {'' if found.sure else 'not sure; '}"
         yield from _place_found(search, found, order, found.id)
     if search.found and not search.victims:
         yield from _place_found(search, search.found, "", search.target)

@@ -103,8 +103,10 @@ class Estimation:
 
     def parts(self) -> list[Part]:
         """Return the readings used of each flight."""
-        each = zip(self.flights, self.used, self.bad, strict=True)
-        return [Part(flight.part(used), bad[used]) for flight, used, bad in each]
+        return [
+            Part(flight.part(used), bad[used])
+            for flight, used, bad in zip(self.flights, self.used, self.bad, strict=True)
+        ]
 
     def linear(self, part: Part, theta: Floats) -> tuple[Predicted, Linear]:
         """Return the residuals at some parameters, and their derivatives by place and time.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil import __version__
+from arva_hil.records.fitting.parameters import name_of
 from arva_hil.records.fitting.result import ReceiverFit
 from arva_hil.records.reading import NO_ID
 from arva_hil.safe_text import one_line
@@ -18,27 +19,34 @@ _PULSE_AGE_S: Final = 0.5  # mean age of a reading of pulses, which the model ha
 def profile(fit: ReceiverFit, dates: Sequence[str]) -> str:
     """Return the text of a profile (YAML). `dates`: of the records, UTC."""
     get = {name: one.value for name, one in fit.estimates.items()}
-    lines = [*_head(fit, dates), "spec: 2", "receiver:", f"  model: {fit.model}"]
-    lines.append(f"  kappa_eq: {get['kappa_eq']:.5g}  {_interval(fit, 'kappa_eq')}")
     position = ", ".join(f"{get[f'mount {axis}']:.3f}" for axis in "xyz")
-    lines.append(f"  mount: {{position: [{position}], attitude: {{roll: 0, pitch: 0, yaw: {get['mount yaw']:.2f}}}}}")
-    lines += [f"  # mount {axis} {_interval(fit, f'mount {axis}')[2:]}" for axis in ("x", "y", "z", "yaw")]
-    lines.append(f"  rate_hz: {min(max(1 / fit.flights[0].frame_s, 0.1), 50.0):.4g}")
-    lines += _paper(fit) if fit.model == "paper" else _pulsed(fit)
+    lines = [
+        *_head(fit, dates),
+        "spec: 2",
+        "receiver:",
+        f"  model: {fit.model}",
+        f"  kappa_eq: {get['kappa_eq']:.5g}  {_interval(fit, 'kappa_eq')}",
+        f"  mount: {{position: [{position}], attitude: {{roll: 0, pitch: 0, yaw: {get['mount yaw']:.2f}}}}}",
+        *(f"  # mount {axis} {_interval(fit, f'mount {axis}')[2:]}" for axis in ("x", "y", "z", "yaw")),
+        f"  rate_hz: {min(max(1 / fit.flights[0].frame_s, 0.1), 50.0):.4g}",
+        *(_paper(fit) if fit.model == "paper" else _pulsed(fit)),
+    ]
     return "\n".join(lines) + "\n"
 
 
 def scenario(fit: ReceiverFit, profile_name: str) -> str:
     """Return the text of a scenario with the transmitters, the latency as a fault, and the profile by its file name."""
     get = {name: one.value for name, one in fit.estimates.items()}
-    lines = ["# The transmitters and the latency of a fit; the receiver is in the profile.", "spec: 2"]
-    lines.append(f"receiver: {{profile: {profile_name}}}")
     late_s = get["latency"] - (0.0 if fit.model == "paper" else _PULSE_AGE_S)
-    if late_s >= 0.001:
-        lines.append(f"faults: [{{delay_s: {late_s:.3f}}}]")
-    lines.append("transmitters:")
+    lines = [
+        "# The transmitters and the latency of a fit; the receiver is in the profile.",
+        "spec: 2",
+        f"receiver: {{profile: {profile_name}}}",
+        *([f"faults: [{{delay_s: {late_s:.3f}}}]"] if late_s >= 0.001 else []),
+        "transmitters:",
+    ]
     for id_ in fit.ids:
-        name = "transmitter" if id_ == NO_ID else f"transmitter {id_}"
+        name = name_of(id_)
         ned = ", ".join(f"{get[f'{name} {axis}']:.2f}" for axis in ("north", "east", "down"))
         attitude = f"{{roll: 0, pitch: {get[f'{name} pitch']:.1f}, yaw: {get[f'{name} yaw']:.1f}}}"
         strength = get.get(f"{name} strength", 1.0)
@@ -48,16 +56,15 @@ def scenario(fit: ReceiverFit, profile_name: str) -> str:
 
 
 def _head(fit: ReceiverFit, dates: Sequence[str]) -> list[str]:
-    lines = [f"# Fitted by arva-hil {__version__} fit. Each interval contains the truth with 95 % probability."]
-    for flight, date in zip(fit.flights, dates, strict=True):
-        lines.append(f"# record {one_line(Path(flight.name).name)}, {one_line(date) or 'of unknown date'}")
     turn = "" if fit.delta_scatter_deg is None else f", δ {fit.delta_scatter_deg:.1f}°"
-    lines.append(
-        f"# residuals of {fit.readings} readings: d {100 * fit.d_scatter:.1f} %{turn}; outliers: {fit.outliers}"
-    )
-    lines += [f"# doubt: {one_line(one)}" for one in fit.doubts]
-    lines.append(f"# latency {_interval(fit, 'latency')[2:]}")
-    return lines
+    names = [one_line(Path(flight.name).name) for flight in fit.flights]
+    return [
+        f"# Fitted by arva-hil {__version__} fit. Each interval contains the truth with 95 % probability.",
+        *(f"# record {name}, {one_line(date) or 'of unknown date'}" for name, date in zip(names, dates, strict=True)),
+        f"# residuals of {fit.readings} readings: d {100 * fit.d_scatter:.1f} %{turn}; outliers: {fit.outliers}",
+        *(f"# doubt: {one_line(one)}" for one in fit.doubts),
+        f"# latency {_interval(fit, 'latency')[2:]}",
+    ]
 
 
 def _interval(fit: ReceiverFit, name: str) -> str:

@@ -54,7 +54,7 @@ def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
     rows: dict[int, NDArray[np.float64]] = {}
     for (message, second), count in counts.items():
         rows.setdefault(message, np.zeros(len(time_s)))[second - seconds[0]] = count
-    found = [RecordedStream(_name(message), time_s, row) for message, row in rows.items()]
+    found = (RecordedStream(_name(message), time_s, row) for message, row in rows.items())
     return sorted(found, key=lambda stream: -float(stream.hz.sum()))
 
 

@@ -253,8 +253,10 @@ def surveyed_scenario(places: Sequence[Surveyed]) -> Scenario:
 
     Without places it has no transmitters. Raises ValueError if an id occurs twice.
     """
-    transmitters = tuple(Transmitter(id=id_, lla=Lla(*place)) for id_, *place in places)
-    return Scenario(transmitters, source="surveyed places" if places else DEFAULT.source)
+    return Scenario(
+        tuple(Transmitter(id=id_, lla=Lla(*place)) for id_, *place in places),
+        source="surveyed places" if places else DEFAULT.source,
+    )
 
 
 def _restarted(before: _Waiting, came: _Waiting) -> bool:

@@ -47,8 +47,7 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
     begin_s, end_s = recording.span_s
     if run is not None:
         how = run.json.get("ended")
-        ended = one_line(f"{how} (exit code {run.json.get('exit_code')})")
-        yield "ended", _NOT_ENDED if how is None else ended
+        yield "ended", _NOT_ENDED if how is None else one_line(f"{how} (exit code {run.json.get('exit_code')})")
         yield "started", run.started
     yield "length", f"{end_s - begin_s:.1f} s"
     if run is None:
@@ -67,8 +66,7 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
     command = run.json.get("command")
     if isinstance(command, list):
         yield "command", one_line(" ".join(map(str, command[:_MOST])))
-    versions = [f"{name} {value}" for name, value in list(run.versions.items())[:_MOST]]
-    yield "versions", one_line(", ".join(versions))
+    yield "versions", one_line(", ".join(f"{name} {value}" for name, value in _first(run.versions)))
 
 
 def _scenario(scenario: Scenario, *, real: bool) -> Iterator[tuple[str, str]]:

@@ -1,11 +1,11 @@
-"""The messages of a run: readings, poses, transmitters and diagnostics.
+"""The messages of a run: readings, poses, transmitters and diagnostics; and all messages, with those of its search.
 
 They are made from the events of a live run, or from the rows of a record. Both give the same messages.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -14,11 +14,13 @@ from arva_hil.config import Lla, Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.setup import receivers_of
 from arva_hil.events import DatumSet, Event, FrameMade, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events.searches import FromSearch, SearchEvent
 from arva_hil.model.field import LocalFrame, MovingTransmitters, Transmitters, dipole_field
 from arva_hil.model.field.arrays import Array
 from arva_hil.model.receiver import ChannelReading, Pose
 from arva_hil.records.ros_messages import geometry
 from arva_hil.records.ros_messages import types as ros
+from arva_hil.records.ros_messages.searches import TOPICS, SearchMessages
 from arva_hil.safe_text import one_line
 
 _EMPTY: Final = -1  # the id of an empty slot
@@ -195,3 +197,36 @@ def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> ros.DiagnosticStatus
             level, message = _WARNING, "no pose"
     name = one_line(f"{_PROGRAM}: {vehicle}/{receiver.name}")
     return ros.DiagnosticStatus(level, name, message, "", [ros.KeyValue(*value) for value in values.items()])
+
+
+class LiveMessages:
+    """Makes the messages of all events. `scenario`: of the run; None for a search alone.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `searches`: whether there is a search.
+    `receivers`: (vehicle, receiver); default: the scenario's.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario | None,
+        epoch_us: int,
+        *,
+        searches: bool,
+        receivers: Sequence[tuple[str, str]] | None = None,
+    ) -> None:
+        self._searches = searches
+        self._run = RunMessages(scenario, epoch_us, receivers) if scenario or receivers else None
+        self._search = SearchMessages(epoch_us)
+
+    @property
+    def topics(self) -> Mapping[str, type[ros.Message]]:
+        """All possible topics, with their message types."""
+        return {**(self._run.topics if self._run else {}), **(TOPICS if self._searches else {})}
+
+    def of_event(self, event: Event) -> list[ros.Publication]:
+        """Return the messages of one event, in their order. Most events have none."""
+        if isinstance(event, FromSearch):
+            event = event.event
+        if isinstance(event, SearchEvent):
+            return self._search.of_event(event, self._run.world if self._run else None)
+        return self._run.of_event(event) if self._run else []

@@ -15,7 +15,7 @@ from arva_hil.events.searches import FrameHeard, PlaceFound, TakeOffPoint
 from arva_hil.model.field import rotation
 from arva_hil.model.receiver import ChannelReading, Pose, Reading
 from arva_hil.records.reading import NO_ID, RecordedReceiver, RecordedSearch, Recording
-from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.readings import LiveMessages
 from arva_hil.records.ros_messages.types import Publication
 from firmware_proto import Channel, Frame
 
@@ -97,5 +97,13 @@ def _of_search(search: RecordedSearch) -> Iterator[Event]:
         place = (north, east, down) if np.isfinite(search.position[n]).all() else None
         yield FrameHeard(times[n], Frame(0, 0, (channel,)), place, float(search.heading_deg[n]) if place else None)
     if (found := search.found) is not None and times:
-        spread = found.covariance, True, found.relative_covariance, found.earth_covariance
-        yield PlaceFound(times[-1], search.target, found.north, found.east, *spread)
+        yield PlaceFound(
+            times[-1],
+            search.target,
+            found.north,
+            found.east,
+            found.covariance,
+            True,
+            found.relative_covariance,
+            found.earth_covariance,
+        )

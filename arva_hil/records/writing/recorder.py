@@ -14,7 +14,6 @@ from arva_hil.records.writing import layout as names
 from arva_hil.records.writing.growing_files import GrowingFiles, RecordError, refuse_old
 from arva_hil.records.writing.layout import EventLines, RecordLayout
 
-NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # in run.json until the run ends
 _BATCH_BYTES: Final = 1 << 16
 
 
@@ -45,7 +44,7 @@ class Recorder(GrowingFiles):
         self._epoch_us = epoch_us
         self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
         self._events = EventLines(epoch_us)
-        about = {"record": names.VERSION, **NOT_ENDED, **(run or {})}
+        about = {"record": names.VERSION, "ended": None, "exit_code": None, **(run or {})}  # until the run ends
         refuse_old(
             folder, [name for name in (*names.FILES, names.CHUNKS) if name not in layout.files], "a record"
         )  # of another layout

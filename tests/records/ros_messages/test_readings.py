@@ -20,8 +20,7 @@ from arva_hil.model.field import LocalFrame, rotation
 from arva_hil.model.receiver import ChannelReading, Pose, Zone
 from arva_hil.records.reading import load as load_record
 from arva_hil.records.ros_messages import geometry
-from arva_hil.records.ros_messages.live import LiveMessages
-from arva_hil.records.ros_messages.readings import RunMessages
+from arva_hil.records.ros_messages.readings import LiveMessages, RunMessages
 from arva_hil.records.ros_messages.recorded import messages_of
 from arva_hil.records.ros_messages.types import Point, Publication, Quaternion, Vector3, encode, names_of
 from firmware_proto import INNER, MID, Channel, Frame
