@@ -63,7 +63,7 @@ PARAMETERS: Final = {
     "can": "SCR_ENABLE 1\nCAN_P1_DRIVER 1\nCAN_D1_PROTOCOL 1\nCAN_D1_UC_SER_EN 1\n"
     "CAN_D1_UC_S1_NOD 42\nCAN_D1_UC_S1_IDX 0\nCAN_D1_UC_S1_PRO 28\n",
 }
-COPIED: Final = {"search": "*.lua", "victim": "arva_[rv]*.lua", "can": "arva_receiver.lua"}
+COPIED: Final = {"search": "arva_[rs]*.lua", "victim": "arva_[rv]*.lua", "can": "arva_receiver.lua"}
 WANTED: Final = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 20_000,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20_000,
