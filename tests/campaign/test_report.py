@@ -54,8 +54,7 @@ def test_sums_are_those_worked_out_by_hand() -> None:
     crash = replace(ONE, outcome="failed: OSError: x", error_m=None)
     s = summary([*runs(0.5, 1.0, 2.0, 5.0, None), crash], success_m=2.0)
     assert (s.runs, s.failed, s.successes, s.rate) == (6, 1, 3, 0.5)
-    assert s.time_s == pytest.approx((20.0, 28.0))
-    assert s.path_m == pytest.approx((18.0, 25.2))
+    assert (s.time_s, s.path_m) == (pytest.approx((20.0, 28.0)), pytest.approx((18.0, 25.2)))
     assert s.error_m == pytest.approx((1.5, 4.1))  # the place 5 m off was reported, too
 
 

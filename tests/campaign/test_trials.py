@@ -194,8 +194,7 @@ def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path)
     path = "{frame: ned, points: [[0, 12, 0, 0], [10, 20, 0, 0]]}"
     one = row_of(tmp_path, f"spec: 2\ntransmitters: [{{id: 1, path: {path}}}]\n")
     assert (one.outcome, one.distance_m) == ("found", 12.0)
-    assert one.error_m == pytest.approx(0, abs=0.5)
-    assert one.hover_m == pytest.approx(0, abs=1.0)
+    assert (one.error_m, one.hover_m) == (pytest.approx(0, abs=0.5), pytest.approx(0, abs=1.0))
     assert one.path_m > 20
 
 
@@ -203,8 +202,7 @@ def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the
     text = "spec: 2\nnavigation_error: {bias_ned: [3, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 1]}]\n"
     one = row_of(tmp_path, text)
     assert (one.outcome, one.error_m) == ("found", pytest.approx(3, abs=0.3))
-    assert one.relative_m == pytest.approx(0, abs=0.2)
-    assert one.hover_m == pytest.approx(0, abs=1.0)
+    assert (one.relative_m, one.hover_m) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=1.0))
 
 
 def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> None:
@@ -262,8 +260,7 @@ def pulsed(profile: str) -> Scenario:
 def test_on_the_axis_a_receiver_of_50_m_hears_as_far_as_the_field_says(strength: float, metres: float) -> None:
     transmitter = replace(DEFAULT.transmitters[0], strength=strength)
     walk = walked(quiet(transmitters=(transmitter,)), COAXIAL, FLAT, 0, motors=False)
-    assert walk.stable_m == pytest.approx(metres, abs=0.15)
-    assert walk.first_m == walk.stable_m
+    assert (walk.stable_m, walk.first_m) == (pytest.approx(metres, abs=0.15), walk.stable_m)
 
 
 def test_a_receiver_with_equal_antennas_hears_as_far_when_it_is_turned() -> None:
@@ -301,8 +298,7 @@ def test_a_signal_is_stable_from_the_frame_after_which_there_is_no_gap(
 
 def test_who_hears_from_the_start_on_begins_farther_away() -> None:
     walk = walked(quiet(), COAXIAL, RangePlan(height_m=0.0, start_m=20.0), 0, motors=False)
-    assert walk.stable_m == pytest.approx(54.5, abs=0.15)
-    assert walk.range_m[0] == 80.0
+    assert (walk.stable_m, walk.range_m[0]) == (pytest.approx(54.5, abs=0.15), 80.0)
     near = walked(quiet(), COAXIAL, RangePlan(height_m=0.0, start_m=20.0, farthest_m=40.0), 0, motors=False)
     assert near.stable_m == 40.0  # and no farther than that
 

@@ -255,8 +255,7 @@ def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_show
     here, there = transmitters((20.0, 5.0, 0.0)), transmitters((20.0, 5.0, -10.0))
     state.update([status(1.0, here), status(1.0, there, "other")])
     (one,) = shown(state)["transmitters"]
-    assert one["place"] == pytest.approx([20.0, 5.0, 0.0], abs=0.01)
-    assert one["of"] == ["vehicle", "other"]
+    assert (one["place"], one["of"]) == (pytest.approx([20.0, 5.0, 0.0], abs=0.01), ["vehicle", "other"])
     state.update([status(2.0, transmitters((25.0, 5.0, 0.0)), "other")])
     assert [one["of"] for one in shown(state)["transmitters"]] == [["vehicle"], ["other"]]
     assert shown(state)["origin"] == list(HOME)

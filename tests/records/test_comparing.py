@@ -85,8 +85,7 @@ def test_another_display_law_is_a_ratio_and_a_mount_a_bias_of_the_angle(tmp_path
     mount = replace(QUIET.receiver.mount, attitude=(0.0, 0.0, 12.0))
     real = replace(QUIET, receiver=replace(QUIET.receiver, kappa_eq=1.542 * 1.1**3, mount=mount))
     one = with_scenario(rehearse(tmp_path / "r", real, FLIGHT), QUIET)
-    assert one.all.ratio == pytest.approx(1.1, abs=0.01)
-    assert one.all.delta_bias_deg == pytest.approx(-12, abs=1)
+    assert (one.all.ratio, one.all.delta_bias_deg) == (pytest.approx(1.1, abs=0.01), pytest.approx(-12, abs=1))
     assert {spread.label for spread in one.groups["zone"]} == {"mid"}
     assert sum(spread.count for spread in one.groups["time"]) == one.both
     assert sum(spread.count for spread in one.groups["range"]) == one.both
@@ -125,8 +124,7 @@ def test_two_records_of_one_flight_are_paired_by_the_autopilots_clock(tmp_path: 
     (b / "events.jsonl").write_text(later)
     one, two = load(a), load(b)
     pairs = paired_frames(one, two)
-    assert pairs.how == "time"
-    assert pairs.offset_s == pytest.approx(420, abs=0.01)
+    assert (pairs.how, pairs.offset_s) == ("time", pytest.approx(420, abs=0.01))
     (result,) = compared(one.receivers[0], two.receivers[0], pairs)
     assert 0 < result.all.d_scatter_m < 1
     assert abs(result.all.d_bias_m) < 0.3
@@ -136,8 +134,7 @@ def test_the_lag_between_two_receivers_is_that_of_their_latencies(tmp_path: Path
     early, late = (rehearse(tmp_path / f"{late_s}", QUIET, FLIGHT, latency_s=late_s) for late_s in (0.3, 1.1))
     one, two = load(late), load(early)
     (result,) = compared(one.receivers[0], two.receivers[0], paired_frames(one, two))
-    assert result.lag_s == pytest.approx(0.8, abs=0.06)
-    assert result.hints == []
+    assert (result.lag_s, result.hints) == (pytest.approx(0.8, abs=0.06), [])
 
 
 def test_two_flights_are_paired_by_their_places(tmp_path: Path) -> None:

@@ -135,8 +135,7 @@ def test_the_log_of_a_search_alone_is_a_record_without_receivers(tmp_path: Path)
     assert read.run is None
     assert read.receivers == ()
     assert read.search is not None
-    assert read.start_utc_s == 1_798_761_603.0
-    assert read.span_s == pytest.approx((0.0, 5.8))
+    assert (read.start_utc_s, read.span_s) == (1_798_761_603.0, pytest.approx((0.0, 5.8)))
 
 
 def test_the_events_of_a_search_alone_are_in_its_log_on_the_clock_of_its_steps(tmp_path: Path) -> None:
