@@ -114,6 +114,8 @@ class _Boot:
 
     at: int
     """Its time, µs since the origin."""
+    fix_at: int
+    """The time of the first fix."""
     encoder: Encoder
     parsers: dict[int, Parser] = field(default_factory=dict)
     """By link: the streams of two links must not be mixed."""
@@ -159,14 +161,13 @@ class SimulatedVehicle:
         self._pilot = SimulatedAutopilot((north, east, down))
         self._error = PositionError(gps_noise_m, seed)
         self._origin = boot_time
-        self._fix_us = round(fix_after * 1e6)
         self._rates = MessageRates(streams or {})
         self._now = 0  # µs since the origin, like all times inside
         self._outbox = bytearray()
-        self._start(0)
+        self._start(0, round(fix_after * 1e6))
 
-    def _start(self, at: int) -> None:
-        self._boot = _Boot(at, Encoder(self.system, _COMPONENT, self.version, self._signing))
+    def _start(self, at: int, fix_at: int) -> None:
+        self._boot = _Boot(at, fix_at, Encoder(self.system, _COMPONENT, self.version, self._signing))
         self._pilot.disarm(force=True)
         self._pilot.set_mode(Mode.STABILIZE)
         self._pilot.ready = False
@@ -224,7 +225,7 @@ class SimulatedVehicle:
     def reboot(self, now: float) -> None:
         """Restart: disarmed (in the air it falls), STABILIZE, without a fix and streams, `time_boot_ms` 0."""
         self._advance(self._us(now))
-        self._start(self._now)
+        self._start(self._now, self._now + self._boot.fix_at - self._boot.at)
 
     def trigger(self, failsafe: Failsafe, now: float) -> None:
         """Trigger a failsafe now. On the ground it only sends the text."""
@@ -260,7 +261,7 @@ class SimulatedVehicle:
         if pilot.ready and boot.was_armed == pilot.armed:
             return
         armed, boot.was_armed = boot.was_armed != pilot.armed, pilot.armed
-        fixed = not pilot.ready and self._now >= boot.at + self._fix_us
+        fixed = not pilot.ready and self._now >= boot.fix_at
         pilot.ready |= fixed
         if not boot.heard:
             return
@@ -268,7 +269,7 @@ class SimulatedVehicle:
             text = b"Arming motors" if pilot.armed else b"Disarming motors"
             self._send(dialect.MAVLink_statustext_message(dialect.MAV_SEVERITY_INFO, text))
         if fixed or (armed and pilot.armed):
-            at = boot.at + self._fix_us if fixed else self._now
+            at = boot.fix_at if fixed else self._now
             self._send(BUILDERS[dialect.MAVLINK_MSG_ID_HOME_POSITION](self._report(at)))
 
     def _report(self, at: int) -> VehicleReport:
