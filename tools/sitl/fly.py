@@ -204,9 +204,10 @@ def act(kind: str, simulator: Simulator, search: Program, draw: random.Random) -
     if kind == "search":
         return simulator.switch()
     if kind == "other":
-        relay.silent = True
-        time.sleep(draw.choice((0.3, draw.uniform(0.3, 5.0))))
         assert isinstance(simulator, BuiltIn)
+        relay.silent = True  # no order reaches the other vehicle late
+        simulator.vanish()
+        time.sleep(draw.choice((0.3, draw.uniform(0.3, 5.0))))
         return simulator.replace(draw)
     at = time.monotonic()
     if kind == "joystick":

@@ -179,18 +179,25 @@ class BuiltIn(Simulator):
         self._links = [TcpServerLink(), TcpServerLink()]
         self.telemetry, address = (f"tcp:127.0.0.1:{link.port}" for link in self._links)
         self._boot_s = _CLOCK.now()
-        self._vehicles: list[Any] = []
         if px4:
             self.copter, self.pilots, self.still = False, simulated_px4.HOLD, simulated_px4.HOLD
-            self._vehicles.append(simulated_px4.Px4(HOME, boot_time=self._boot_s))
+            self._serve(simulated_px4.Px4(HOME, boot_time=self._boot_s))
         else:
             weather: dict[str, Any] = {"wind": (4.0, 3.0, 0.0), "gps_noise_m": 1.5, "seed": seed}
-            self._vehicles.append(simulated.SimulatedVehicle(HOME, boot_time=self._boot_s, **weather))
-        self._stop = threading.Event()
-        tasks = [simulated.Simulator(self._vehicles, self._links)]
-        self._thread = threading.Thread(target=lambda: run(tasks, _CLOCK, stopped=self._stop.is_set))
-        self._thread.start()
+            self._serve(simulated.SimulatedVehicle(HOME, boot_time=self._boot_s, **weather))
         self.relay = _relayed(_opened(address), udp=udp)
+
+    def _serve(self, one: Any) -> None:
+        """Serve a vehicle until `vanish`."""
+        self._stop = threading.Event()
+        stopped, tasks = self._stop.is_set, [simulated.Simulator([one], self._links)]
+        self._thread = threading.Thread(target=lambda: run(tasks, _CLOCK, stopped=stopped))
+        self._thread.start()
+
+    def vanish(self) -> None:
+        """Let the vehicle send and receive nothing more."""
+        self._stop.set()
+        self._thread.join()
 
     def replace(self, draw: random.Random) -> float:
         """Put another vehicle in its place, in the air, with its ids and another clock. Returns the time."""
@@ -202,14 +209,13 @@ class BuiltIn(Simulator):
         other._pilot.set_mode(Mode.GUIDED)
         other._pilot.arm()
         other._pilot.take_off(2.0)
-        self._vehicles[:] = [other]
         at = time.monotonic()
         self.relay.silent = False
+        self._serve(other)
         return at
 
     def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
+        self.vanish()
         super().close()
         for link in self._links:
             link.close()
