@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import random
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -18,6 +19,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: of two threads on a busy core, one waits and burns CPU
 import numpy as np
 
 from arva_hil.campaign.plan import draw

@@ -252,7 +252,7 @@ def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed
         for k, error in enumerate(drift):
             at = np.array([(8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k), -3.0])
             readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
-        place, covariance = place_now(np.array([*(PLACE + drift.mean(axis=0)), *MOMENT, 0.0]), readings)
+        place, covariance = place_now(np.array([*(PLACE + drift.mean(axis=0)), *MOMENT, 0.0]), readings, (), 0.0)
         sigma = sigma_of(covariance) or 0.0
         shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / sigma)
         assert sigma < most_m

@@ -177,6 +177,7 @@ class Guidance:
 
     def observe(self, o: Observation, height_m: float) -> None:
         """Give the strategy a reading. `height_m`: the height wanted."""
+        self._contradictions = None
         self._orders.append((Analysis.observe, o, height_m))
 
     def steer(self, time_s: float, position: Position) -> AnalysisResult | None:
@@ -472,6 +473,7 @@ NOT_THERE: Final = "they do not, and the transmitter was visited again before"
 
 _MANY: Final = 0.7  # of the newest readings: they contradict the place
 _AGAIN: Final = 2  # visits of a doubted transmitter
+_ABOVE_S: Final = 2.0  # wait for a reading above the place
 _SAME_M: Final = 1.0  # a place found twice within this distance is right
 
 
@@ -479,6 +481,7 @@ class LastLook:
     """Remembers the places that were doubted. `choice`: the transmitter that is flown to."""
 
     def __init__(self, choice: Choice, emit: Callable[[Event], None]) -> None:
+        self._above_s: float | None = None  # when it arrived
         self._choice = choice
         self._emit = emit
         self._doubted: list[tuple[float, float]] = []
@@ -490,8 +493,11 @@ class LastLook:
         """
         id_ = self._choice.target
         contradicting = self._choice.guidance.contradictions(time_s)
+        if not last and (contradicting is None or self._waits(found, time_s)):
+            return LISTEN
+        self._above_s = None
         if contradicting is None:
-            return AGREES if last else LISTEN
+            return AGREES
         if id_ is None or sum(contradicting) <= _MANY * len(contradicting):
             return LISTEN if any(contradicting[-1:]) and not last else AGREES
         if any(math.dist(found[:2], place) < _SAME_M for place in self._doubted):
@@ -502,3 +508,13 @@ class LastLook:
         self._emit(PlaceDoubted(time_s, id_of(id_), found.north, found.east))
         self._choice.forget(id_)
         return LOOK_AGAIN
+
+    def _waits(self, found: Found, time_s: float) -> bool:
+        """Return True before the first reading above a place that changes, for a short time."""
+        if found.now is None:
+            return False
+        if self._above_s is None:
+            self._above_s = time_s
+        heard = self._choice.heard.get(self._choice.target) if self._choice.target is not None else None
+        new = heard is not None and heard.last_s > self._above_s
+        return not new and time_s - self._above_s < _ABOVE_S

@@ -154,6 +154,8 @@ class Mission:
                 guidance.observe(every[target], self._keeper.wanted)
             elif self.choice.hunting and target is not None and not masked and not repeats(target):
                 guidance.observe(Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted)
+        elif self._reached and not self.ended and self.choice.target in heard:
+            guidance.observe(every[self.choice.target], self._keeper.wanted)
         self._use(guidance.exchange(time_s), time_s, position)
 
     def fly(
@@ -363,6 +365,10 @@ class Mission:
         if answer.failed:
             self._end(because(Why.STRATEGY_FAILED, text=answer.failed))
             return
+        if self._reached and self._reached.found and answer.found:
+            now, covariance = answer.found.now, answer.found.now_covariance
+            newest = self._reached.found._replace(now=now, now_covariance=covariance)
+            self._reached = self._reached._replace(found=newest)
         if (target := self.choice.target) is None or self._reached:
             return
         if answer.track and target != NO_ID:

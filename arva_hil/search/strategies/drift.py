@@ -33,9 +33,8 @@ _ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a pl
     *((sigma_m, 20.0, 0.1) for sigma_m in (0.3, 1.0, 2.0)),
 )
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
-_AGE_S: Final = 1.5  # of the newest reading when the place is used
 _DISCOUNT: Final = 2.0  # divides the evidence of the readings: their errors are less independent than in the fit
-_CAUTION: Final = 1.5  # times the covariance, for the same reason
+_CAUTION: Final = 2.25  # times the covariance, for the same reason
 
 Array = NDArray[np.float64]
 
@@ -151,14 +150,16 @@ def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings,
     return kept
 
 
-def place_now(x: Array, o: dipole.DipoleReadings) -> tuple[tuple[float, float], Covariance]:
+def place_now(
+    x: Array, o: dipole.DipoleReadings, near: Sequence[DriftFit], ahead_s: float
+) -> tuple[tuple[float, float], Covariance]:
     """Return the place of a transmitter in the frame reported now, north and east, and its covariance.
 
-    `x`: the hypothesis (7,) near it. Drifts of all speeds and sizes count by their likelihood: that of the part of the
-    readings that the hypothesis cannot follow.
+    `x`: the hypothesis (7,) near it. `near`, `ahead_s`: as in `fitted`. Drifts of all speeds and sizes count by their
+    likelihood: that of the part of the readings that the hypothesis cannot follow.
     """
     every = [
-        fitted(x[None], o, white_m, drift_m, 2 * _ROUNDS, times_s=(tau_s, _AT_ONCE_S), ahead_s=_AGE_S)[0]
+        fitted(x[None], o, white_m, drift_m, 2 * _ROUNDS, near, (tau_s, _AT_ONCE_S), ahead_s)[0]
         for drift_m, tau_s, white_m in _ANY
     ]
     cost = np.array([one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1] for one in every])

@@ -92,18 +92,27 @@ class Hypotheses:
         """Put the best fit of an explanation before the others."""
         self.x, self.drifts = np.concatenate([one.x[:1], self.x]), [one.best, *self.drifts]
 
+    @property
     def settled(self) -> Found:
-        """Return the average of the hypotheses, without the drift; and the place in the frame reported now."""
-        (nn, ne), (_, ee) = self.covariance.tolist()
-        north, east, down = (self.share @ self.places).tolist()
+        """The average of the hypotheses, without the drift."""
+        place, covariance = self.share @ self.places, self.covariance
         if self.drifts:
             best = self.drifts[0]  # its mean place, not the one reported now
-            (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
-            north, east, down = best.x[:3].tolist()
-        now, now_covariance = place_now(self.x[0], self._evidence.readings(self.cause))
+            place, covariance = best.x[:3], best.covariance[:2, :2]
+        (nn, ne), (_, ee) = covariance.tolist()
+        north, east, down = place.tolist()
+        return Found(north, east, down, (nn, ne, ee))
+
+    def found(self, time_s: float) -> Found:
+        """Return the place with that in the frame reported at a time, and the yaw of the receiver."""
         far = abs(self.x[0, 6]) > max(_TURNED, _TURNED_SIGMAS * self._yaw_sigma)
-        turned_deg = math.degrees(self.x[0, 6]) if far else None
-        return Found(north, east, down, (nn, ne, ee), now, now_covariance, turned_deg)
+        return self.now(self.settled, time_s)._replace(turned_deg=math.degrees(self.x[0, 6]) if far else None)
+
+    def now(self, found: Found, time_s: float) -> Found:
+        """Return a place found with that in the frame reported at a time."""
+        readings, ahead_s = self._evidence.readings(self.cause), time_s - self._evidence.newest_s
+        now, covariance = place_now(self.x[0], readings, self.drifts[:1], ahead_s)
+        return found._replace(now=now, now_covariance=covariance)
 
     def seed(self, o: Observation) -> None:
         """Add hypotheses that agree with a reading."""
@@ -228,13 +237,19 @@ class Estimate:
         self._listen(o)
         self._steer(o, self._strongest)
 
+    def update(self, observation: Observation) -> None:
+        """Use a reading on the way to the place found: where it is in the frame reported now."""
+        if self._found and observation.finite:
+            self._evidence.add(observation)
+            self._found = self._dipoles.now(self._found, observation.time_s)
+
     def _listen(self, o: Observation) -> None:
         """Circle about the place before it is reported. Causes may change, but the circle ends in bounded time."""
         near = self._near(o, _NEAR_M)
         if near:
             self._above_s = min(self._above_s, o.time_s)
         if o.time_s - self._doubtful_s > _DOUBTFUL_S or o.time_s - self._above_s > _LONGEST_S:
-            self._found = self._dipoles.settled()
+            self._found = self._dipoles.found(o.time_s)
         elif self._circle is None:
             if near:
                 self._doubt(o)
@@ -248,7 +263,7 @@ class Estimate:
         elif self._circle.done and self._heard_enough(o.time_s - self._listens_s):
             self._doubt(o)
             if self._certain(o):
-                self._found = self._dipoles.settled()
+                self._found = self._dipoles.found(o.time_s)
         if self._found:
             self._circle = None
         elif self._circle:
@@ -262,7 +277,7 @@ class Estimate:
 
     def _certain(self, o: Observation) -> bool:
         """Return True if the readings agree with the place. If not, sample again for another cause or hypothesis."""
-        north, east, *_ = self._dipoles.settled()
+        north, east, *_ = self._dipoles.settled
         every = self._evidence.explanations(beginning((north, east), self._evidence), self._dipoles.cause)
         judgement = judged((north, east), every)
         agrees = judgement is not None and judgement.agrees(-o.position[2])

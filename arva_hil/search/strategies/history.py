@@ -112,6 +112,11 @@ class History:
         """The strongest reading, None before the first."""
         return min(self._read, key=_distance, default=None)
 
+    @property
+    def newest_s(self) -> float:
+        """The time of the newest reading."""
+        return self._read[-1].time_s
+
     def readings(self, cause: Cause = NOTHING) -> dipole.DipoleReadings:
         """Return the newest readings and some earlier ones.
 
