@@ -60,14 +60,13 @@ class DipoleReadings:
     - `gains`: of the antennas x and y, 0 for a dead one. `lost`: the part of a field that they miss, None or (3, N).
     - `deaf_m`: the distance at which the reference transmitter is no stronger than the noise.
     - `since_s`: earlier readings do not count.
-    - `sloping`: the ground below the readings is known.
     """
 
     def __init__(
         self, gains: tuple[float, float] = (1.0, 1.0), deaf_m: float = math.inf, since_s: float = -math.inf
     ) -> None:
-        self._gains, self._noise, self._since_s = gains, max(_NOISE, deaf_m**-6), since_s
-        self.sloping, self._ground = False, np.zeros(MOST)
+        self._antennas = gains, max(_NOISE, deaf_m**-6), since_s
+        self._ground = np.full(MOST, math.nan)
         self.lost: NDArray[np.complex128] | None = None
         self._all: tuple[NDArray[Any], ...] = (
             np.full((MOST, 3), 1e3),
@@ -99,7 +98,7 @@ class DipoleReadings:
         n = len(self.said)
         i = n if n < MOST else 1 + int(np.argmin(self.said.real[1:]))
         self._put(i, position, rotation[:, 0] + 1j * rotation[:, 1], *self._columns(d, delta, inner, time_s), time_s)
-        self.sloping, self._ground[i] = self.sloping or ground is not None, ground or 0.0
+        self._ground[i] = math.nan if ground is None else ground
         self._show(max(n, i + 1))
 
     def add_all(self, readings: Sequence[Reading]) -> None:
@@ -117,8 +116,7 @@ class DipoleReadings:
         said = zip(*(columns[i] for i in kept), strict=True)
         axes = turned[:, :, 0] + 1j * turned[:, :, 1]
         self._put(rows, np.array(positions)[kept], axes, *said, np.array(times_s)[kept])
-        self._ground[rows] = [grounds[i] or 0.0 for i in kept]
-        self.sloping = any(ground is not None for ground in grounds)
+        self._ground[rows] = [math.nan if grounds[i] is None else grounds[i] for i in kept]
         self._show(len(kept) + 1)
 
     def _put(self, rows: int | slice, *values: Any) -> None:
@@ -129,7 +127,8 @@ class DipoleReadings:
         """Return the values kept of each reading, besides its pose."""
         heard = d > 0
         d = d if heard else _SILENCE[0]
-        noise = min(self._noise * d**6, _ANY) if time_s >= self._since_s else _ANY
+        _, noise, since_s = self._antennas
+        noise = min(noise * d**6, _ANY) if time_s >= since_s else _ANY
         noise, (of_d, of_delta) = noise + (0.0 if heard else _SILENCE[1]), _ROUNDING
         said = complex(-3 * math.log(d), delta)
         return said, inner, (heard, heard and not inner), (not heard, False), (noise + of_d, noise + of_delta)
@@ -137,11 +136,17 @@ class DipoleReadings:
     def _show(self, n: int) -> None:
         at, axis, self.said, self.inner, told, limit, self.variance, self.time_s = (column[:n] for column in self._all)
         self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # so sums over 3 are fast
-        if self._gains != (1.0, 1.0):
-            (x, y), (miss_x, miss_y) = self._gains, (math.sqrt(1 - gain**2) for gain in self._gains)
+        gains = self._antennas[0]
+        if gains != (1.0, 1.0):
+            (x, y), (miss_x, miss_y) = gains, (math.sqrt(1 - gain**2) for gain in gains)
             self.lost = miss_x * self.axis.real + 1j * miss_y * self.axis.imag
             self.axis = x * self.axis.real + 1j * y * self.axis.imag
         self.told, self.limit = told.ravel(), limit.ravel()
+
+    @property
+    def sloping(self) -> bool:
+        """True if the ground below readings is known."""
+        return not bool(np.isnan(self._ground).all())
 
     def level(self, x: Array) -> Array:
         """Return the ground where hypotheses (K, 7) are, down from the take-off point (K,); 0 if it is not known.
@@ -152,7 +157,7 @@ class DipoleReadings:
             return np.zeros(len(x))
         off = self.at[..., :2, :] - x[:, :2, None]
         level: Array = self._ground[(off[:, 0] ** 2 + off[:, 1] ** 2).argmin(axis=1)]
-        return level
+        return np.nan_to_num(level)
 
 
 class Fit(NamedTuple):

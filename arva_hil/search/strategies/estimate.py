@@ -64,7 +64,7 @@ class Hypotheses:
     - `cause`: of the errors of the readings. `readings`: with the poses under that cause.
     - `x`: dipoles (K, 7). `places`: (K, 3), in the frame reported now. `share`: (K,).
     - `drifts`: the fits under a drift of the places, the best first; none without a drift.
-    - `covariance`: of north and east of the average [m²]. `sure`: the covariance is small.
+    - `covariance`: of north and east of the average [m²].
     - `pose_error`: of the receiver's places [m]. `age`: readings since other hypotheses were added.
     """
 
@@ -75,7 +75,6 @@ class Hypotheses:
         self.x, self.pose_error = np.empty((0, 7)), 0.1
         self.share, self.places = np.empty(0), np.empty((0, 3))
         self.covariance = np.zeros((2, 2))
-        self.sure = False
         self.age = 0
         self._evidence = evidence
         self._damping = np.empty(0)
@@ -158,14 +157,60 @@ class Hypotheses:
         off = self.places[:, :2] - self.share @ self.places[:, :2]
         each = each + off[:, :, None] * off[:, None]
         self.covariance = np.einsum("k,kij->ij", self.share, each)
+
+    @property
+    def sure(self) -> bool:
+        """True if the covariance is small."""
         sigma = _SURE_M + _DRIFT * self.cause.drift_m
-        self.sure = bool(np.linalg.eigvalsh(self.covariance)[1] < sigma**2) and self.pose_error < _MISFIT_M
+        near = len(self.x) > 0 and np.linalg.eigvalsh(self.covariance)[1] < sigma**2
+        return bool(near) and self.pose_error < _MISFIT_M
 
     @property
     def place(self) -> tuple[float, float]:
         """The average of the hypotheses."""
         north, east, _ = (self.share @ self.places).tolist()
         return north, east
+
+
+class Course:
+    """Remembers the heading, and the turns of the spiral that is flown for more readings.
+
+    `strongest`: the strongest reading. `goal`: north, east [m]; None before the first reading.
+    """
+
+    def __init__(self) -> None:
+        self.strongest: Observation | None = None
+        self.goal: tuple[float, float] | None = None
+        self._heading = np.zeros(2)
+        self._silent = self._turns = 0
+
+    def add(self, o: Observation) -> None:
+        """Add a reading."""
+        if o.heard and (self.strongest is None or o.d_cm < self.strongest.d_cm):
+            self.strongest = o
+
+    def steer(self, o: Observation, strongest: Observation, dipoles: Hypotheses) -> None:
+        """Fly to the hypotheses; without a signal to the best place, and there in a spiral."""
+        here = np.array(o.position[:2])
+        self._silent = 0 if o.heard else self._silent + 1
+        if self.goal is None:
+            self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
+        if dipoles.sure:
+            self._turns = 0
+        elif self.goal and math.dist(here, self.goal) < _HERE_M:
+            self._turns += 1
+        angle, radius = 2.4 * self._turns, _TURN_M * math.sqrt(self._turns)
+        aside = np.array([radius * math.cos(angle), radius * math.sin(angle)])
+        goal = strongest.position[:2] + aside
+        if self._silent <= _LOST:
+            to = dipoles.places[:, :2] + aside - here
+            distance = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)
+            mean = dipoles.share @ (to / distance[:, None])
+            # Keep the heading as far as the hypotheses disagree.
+            heading = mean + 0.5 * (1 - math.hypot(*mean)) * self._heading
+            self._heading = heading / max(math.hypot(*heading), 1e-9)
+            goal = here + self._heading * (dipoles.share @ distance)
+        self.goal = (float(goal[0]), float(goal[1]))
 
 
 class Estimate:
@@ -182,11 +227,8 @@ class Estimate:
         self._listens_s = math.inf  # start of the circle with this cause
         self._doubtful_s = math.inf  # start of the disagreement of readings and place
         self._above_s = math.inf  # start of the first hover above a place
-        self._strongest: Observation | None = None
+        self._course = Course()
         self._last_s = -math.inf
-        self._silent = self._turns = 0
-        self._heading = np.zeros(2)
-        self._target: tuple[float, float] | None = None
 
     @property
     def found(self) -> Found | None:
@@ -197,12 +239,13 @@ class Estimate:
         """The hypotheses, the covariance of their average, and the goal."""
         (nn, ne), (_, ee) = self._dipoles.covariance.tolist()
         every = np.column_stack([self._dipoles.places[:, :2], self._dipoles.share]).tolist()
-        return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._target)
+        return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._course.goal)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         if self._circle:
             return self._circle.velocity(position, self._speed)
-        return towards(position, self._target, self._speed, gain=_GAIN) if self._target else STILL
+        goal = self._course.goal
+        return towards(position, goal, self._speed, gain=_GAIN) if goal else STILL
 
     def observe(self, observation: Observation) -> None:
         o = observation
@@ -212,21 +255,19 @@ class Estimate:
         step_s = _DRIFTING_S if self._dipoles.drifts else max(_STEP_S, _STEP_M / self._speed)
         if 0 <= o.time_s - self._last_s < step_s:
             return
-        if o.heard and (self._strongest is None or o.d_cm < self._strongest.d_cm):
-            self._strongest = o
-        if self._strongest is None:
+        self._course.add(o)
+        strongest = self._course.strongest
+        if strongest is None:
             return
         self._last_s = o.time_s
-        self._silent = 0 if o.heard else self._silent + 1
         self._dipoles.age += 1
         at, rotation = self._evidence.at(o.time_s - o.age_s - self._dipoles.cause.lag_s)
         for measured in o.measurements:
             self._dipoles.readings.add(at, rotation, *measured, o.time_s, o.ground)
         if not len(self._dipoles.x):
-            self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
             self._dipoles.seed(o)
         elif self._dipoles.pose_error > _MISFIT_M and self._dipoles.age > _AFRESH:
-            self._dipoles.seed(self._strongest)
+            self._dipoles.seed(strongest)
         self._dipoles.weigh(o, _ROUNDS)
         self._unexplained += 1
         odd = bool(self._dipoles.cause.drift_m) or self._dipoles.pose_error > _ODD_M
@@ -235,7 +276,7 @@ class Estimate:
         if self._unexplained > later:
             self._explain(o)
         self._listen(o)
-        self._steer(o, self._strongest)
+        self._course.steer(o, strongest, self._dipoles)
 
     def update(self, observation: Observation) -> None:
         """Use a reading on the way to the place found: where it is in the frame reported now."""
@@ -331,32 +372,12 @@ class Estimate:
 
     def _doubt(self, o: Observation) -> None:
         """Sample other hypotheses once more."""
-        assert self._strongest is not None
-        if self._dipoles.cause.drift_m:
+        strongest = self._course.strongest
+        if strongest is None or self._dipoles.cause.drift_m:
             return
-        self._dipoles.seed(self._strongest)
+        self._dipoles.seed(strongest)
         for rounds in _DOUBTS:
             self._dipoles.weigh(o, rounds)
 
     def _near(self, o: Observation, near_m: float) -> bool:
         return self._dipoles.sure and math.dist(o.position[:2], self._dipoles.place) < near_m
-
-    def _steer(self, o: Observation, strongest: Observation) -> None:
-        """Fly to the hypotheses; without a signal to the best place, and there in a spiral."""
-        here = np.array(o.position[:2])
-        if self._dipoles.sure:
-            self._turns = 0
-        elif self._target and math.dist(here, self._target) < _HERE_M:
-            self._turns += 1
-        angle, radius = 2.4 * self._turns, _TURN_M * math.sqrt(self._turns)
-        aside = np.array([radius * math.cos(angle), radius * math.sin(angle)])
-        goal = strongest.position[:2] + aside
-        if self._silent <= _LOST:
-            to = self._dipoles.places[:, :2] + aside - here
-            distance = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)
-            mean = self._dipoles.share @ (to / distance[:, None])
-            # Keep the heading as far as the hypotheses disagree.
-            heading = mean + 0.5 * (1 - math.hypot(*mean)) * self._heading
-            self._heading = heading / max(math.hypot(*heading), 1e-9)
-            goal = here + self._heading * (self._dipoles.share @ distance)
-        self._target = (float(goal[0]), float(goal[1]))
