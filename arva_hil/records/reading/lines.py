@@ -149,10 +149,11 @@ def json_object(path: Path) -> dict[str, Any]:
     refuse_no_file(path)
     try:
         with open(path, "rb") as file:
-            data = file.read(_LARGEST_OBJECT + 1)
+            size = os.fstat(file.fileno()).st_size
+            data = file.read(min(size, _LARGEST_OBJECT))
     except OSError as error:
         raise RecordingError(path, f"cannot be read: {error.strerror}") from None
-    if len(data) > _LARGEST_OBJECT:
+    if size > _LARGEST_OBJECT:
         raise RecordingError(path, f"is larger than {_LARGEST_OBJECT} bytes: this is no file of a record")
     try:
         value = strict_json(data.decode("utf-8-sig"))
