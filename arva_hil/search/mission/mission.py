@@ -229,7 +229,7 @@ class Mission:
     @property
     def pace(self) -> float:
         """The share of the speed that the height allows for a horizontal velocity."""
-        return self._keeper.pace
+        return self._keeper.pace if self._keeper.descent is None else 1.0
 
     @property
     def _shares(self) -> bool:
@@ -254,7 +254,7 @@ class Mission:
         if (descent := self._keeper.descent) is None:
             place = self.found.goal if self.found else position[:2]
             descent = Descent(place, self.plan.speed, time_s, height.metres, self._team)
-            self._keeper.descent, self._keeper.pace = descent, 1.0
+            self._keeper.descent = descent
             if self.found:
                 self.reports.emit(DescentBegun(time_s))
         if self.found:
@@ -366,9 +366,7 @@ class Mission:
             self._end(because(Why.STRATEGY_FAILED, text=answer.failed))
             return
         if self._reached and self._reached.found and answer.found:
-            now, covariance = answer.found.now, answer.found.now_covariance
-            newest = self._reached.found._replace(now=now, now_covariance=covariance)
-            self._reached = self._reached._replace(found=newest)
+            self._reached = self._reached._replace(found=answer.found)
         if (target := self.choice.target) is None or self._reached:
             return
         if answer.track and target != NO_ID:
