@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from arva_hil.campaign import charts
-from arva_hil.campaign.results import Pair, Summary, TrialRow, differences, groups, summary
+from arva_hil.campaign.results import Errors, Pair, Summary, TrialRow, differences, groups, summary
 from arva_hil.campaign.trial import FOUND
 from arva_hil.records.report.html import render
 from arva_hil.safe_text import table_lines
@@ -23,8 +23,9 @@ _COLUMNS: Final = {  # column → name of several values, name of the axis
     "take_off_m": ("take-off heights", "take-off height, m"),
     "drones": ("numbers of drones", "drones"),
 }
-_SPREADS: Final = ("time, s", "path, m", "error, m", "±, m")
-_HEAD: Final = ("runs", "successes", "rate", "95 % confidence", *_SPREADS, "in 1σ / 2σ", "false")
+_PLACES: Final = ("±, m", "in 1σ / 2σ", "false")
+_EARTH, _VEHICLE = ("error on Earth, m", *_PLACES), ("error from the drone, m", *_PLACES)
+_HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path, m", *_EARTH, *_VEHICLE)
 
 
 def text(rows: Sequence[TrialRow], success_m: float) -> str:
@@ -41,7 +42,7 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
         f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %; "
         "false: found, but more than 2 m / 3σ off"
     )
-    return "\n".join([*lines, foot, *([far] if far else [])])
+    return "\n".join([*lines, foot, *_compared(rows, success_m), *([far] if far else [])])
 
 
 def latex(rows: Sequence[TrialRow], success_m: float) -> str:
@@ -58,11 +59,16 @@ def latex(rows: Sequence[TrialRow], success_m: float) -> str:
         r"\bottomrule",
         r"\end{tabular}",
     ]
+    made += [f"% {line}" for line in _compared(rows, success_m)]
+    return "\n".join([*made, f"% success: the place reported is within {success_m:g} m; a / b: median / 90 %", ""])
+
+
+def _compared(rows: Sequence[TrialRow], success_m: float) -> Iterator[str]:
+    """Yield the difference of each strategy to the first one on the same trials, with 95 % intervals."""
     for one in differences(rows, success_m):
         rate = _interval(*(100 * x for x in one.success), form="+.1f", unit="points")
         time = _interval(*one.time_s, form="+.0f", unit="s") if one.time_s else "no pair of successes"
-        made.append(f"% {one.strategy} against {one.other} on {one.trials} trials: success {rate}, time {time}")
-    return "\n".join([*made, f"% success: the place reported is within {success_m:g} m; a / b: median / 90 %", ""])
+        yield f"{one.strategy} against {one.other} on {one.trials} trials: success {rate}, time {time}"
 
 
 def _escaped(text: str) -> str:
@@ -99,6 +105,7 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
         crossed=" × ".join(f"{count[name]} {several}" for name, (several, _) in _COLUMNS.items() if count[name] > 1),
         success_m=success_m,
         found_far=found_far(rows, success_m),
+        compared=list(_compared(rows, success_m)),
         head=_HEAD,
         cells=_cells,
         colours=charts.colours(row.strategy for row in rows),
@@ -128,10 +135,17 @@ def _cells(s: Summary) -> tuple[str, ...]:
         f"{100 * low:.1f}–{100 * high:.1f} %",
         _pair(s.time_s, ".0f"),
         _pair(s.path_m, ".0f"),
-        _pair(s.error_m, ".2f"),
-        _pair(s.sigma_m, ".2f"),
-        "–" if s.inside is None else " / ".join(f"{100 * share:.0f} %" for share in s.inside),
-        f"{s.false[0]} / {s.false[1]}",
+        *_of_places(s.earth),
+        *_of_places(s.vehicle),
+    )
+
+
+def _of_places(errors: Errors) -> tuple[str, ...]:
+    return (
+        _pair(errors.error_m, ".2f"),
+        _pair(errors.sigma_m, ".2f"),
+        "–" if errors.inside is None else " / ".join(f"{100 * share:.0f} %" for share in errors.inside),
+        f"{errors.false[0]} / {errors.false[1]}",
     )
 
 

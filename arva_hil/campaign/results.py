@@ -79,12 +79,6 @@ class TrialRow(Result, Conditions):
     def success(self, within_m: float) -> bool:
         return self.outcome == FOUND and self.error_m is not None and self.error_m <= within_m
 
-    def within(self, sigmas: float) -> bool | None:
-        """Return True if the error on Earth is at most so many of its uncertainty; None without one."""
-        if self.outcome != FOUND or self.error_m is None or self.sigma_m is None:
-            return None
-        return self.error_m <= sigmas * self.sigma_m
-
     def difference(self, other: TrialRow) -> str:
         """Return the first result that differs, with both values; "" if the rows are alike."""
         for name in _COLUMNS[: -len(_VERSIONS)]:
@@ -271,14 +265,31 @@ _Z: Final = 1.959963984540054  # of the standard normal distribution, 97.5 %
 Pair = tuple[float, float]
 
 
+EARTH: Final = ("error_m", "sigma_m")  # columns: error and uncertainty of the place on Earth
+VEHICLE: Final = ("relative_m", "relative_sigma_m")  # the same of the place relative to the vehicle
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Statistics of the places, on Earth or relative to the vehicle.
+
+    `error_m` (of all places reported) and `sigma_m` (the uncertainty of places found): median and 90th percentile, None
+    without values. `inside`: the shares of places found inside 1σ and 2σ. `false`: places found that are more than 2 m
+    off, and more than 3σ.
+    """
+
+    error_m: Pair | None
+    sigma_m: Pair | None
+    inside: Pair | None
+    false: tuple[int, int]
+
+
 @dataclass(frozen=True)
 class Summary:
     """Statistics of some runs.
 
-    `interval`: the 95 % confidence interval of the success rate. `time_s`, `path_m` (of successes) and `error_m` (of
-    all places reported): median and 90th percentile, None without values. `sigma_m`: the same of the uncertainty of
-    places found; `inside`: the shares of them inside 1σ and 2σ. `false`: places found that are more than 2 m off, and
-    more than 3σ.
+    `interval`: the 95 % confidence interval of the success rate. `time_s`, `path_m` (of successes): median and 90th
+    percentile, None without values.
     """
 
     runs: int
@@ -287,10 +298,8 @@ class Summary:
     interval: Pair
     time_s: Pair | None
     path_m: Pair | None
-    error_m: Pair | None
-    sigma_m: Pair | None
-    inside: Pair | None
-    false: tuple[int, int]
+    earth: Errors
+    vehicle: Errors
 
     @property
     def rate(self) -> float:
@@ -310,8 +319,6 @@ def wilson(successes: int, runs: int) -> Pair:
 def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
     """Return the statistics of rows. A run that failed with an error of the program counts as a run without success."""
     good = [row for row in rows if row.success(success_m)]
-    inside = [[within for row in rows if (within := row.within(sigmas)) is not None] for sigmas in (1, 2, 3)]
-    far = sum(row.outcome == FOUND and row.error_m is not None and row.error_m > _FALSE_M for row in rows)
     return Summary(
         len(rows),
         sum(row.failed for row in rows),
@@ -319,10 +326,22 @@ def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
         wilson(len(good), len(rows)),
         _spread([row.time_s for row in good]),
         _spread([row.path_m for row in good]),
-        _spread([row.error_m for row in rows if row.error_m is not None]),
-        _spread([row.sigma_m for row in rows if row.outcome == FOUND and row.sigma_m is not None]),
-        (sum(inside[0]) / len(inside[0]), sum(inside[1]) / len(inside[1])) if inside[0] else None,
-        (far, inside[2].count(False)),
+        _errors(rows, *EARTH),
+        _errors(rows, *VEHICLE),
+    )
+
+
+def _errors(rows: Sequence[TrialRow], error: str, sigma: str) -> Errors:
+    """Return the statistics of two columns."""
+    told = [(row.outcome == FOUND, getattr(row, error), getattr(row, sigma)) for row in rows]
+    errors = [(found, off, spread) for found, off, spread in told if off is not None]
+    pairs = [(off, spread) for found, off, spread in errors if found and spread is not None]
+    inside = [sum(off <= sigmas * spread for off, spread in pairs) for sigmas in (1, 2, 3)]
+    return Errors(
+        _spread([off for _, off, _ in errors]),
+        _spread([spread for _, spread in pairs]),
+        (inside[0] / len(pairs), inside[1] / len(pairs)) if pairs else None,
+        (sum(found and off > _FALSE_M for found, off, _ in errors), len(pairs) - inside[2]),
     )
 
 

@@ -55,19 +55,30 @@ def test_sums_are_those_worked_out_by_hand() -> None:
     s = summary([*runs(0.5, 1.0, 2.0, 5.0, None), crash], success_m=2.0)
     assert (s.runs, s.failed, s.successes, s.rate) == (6, 1, 3, 0.5)
     assert (s.time_s, s.path_m) == (pytest.approx((20.0, 28.0)), pytest.approx((18.0, 25.2)))
-    assert s.error_m == pytest.approx((1.5, 4.1))  # the place 5 m off was reported, too
+    assert s.earth.error_m == pytest.approx((1.5, 4.1))  # the place 5 m off was reported, too
 
 
 def test_the_table_has_a_line_for_each_strategy_with_its_interval() -> None:
     rows = runs(0.5, 1.0, None, 9.0) + runs(None, None, strategy="estimate")
-    head, flux, estimate, foot, _ = report.text(rows, 2.0).split("\n")
-    columns = "strategy runs successes rate 95 % confidence time, s path, m error, m ±, m in 1σ / 2σ false"
-    assert head.split() == columns.split()
+    head, flux, estimate, foot, compared, _ = report.text(rows, 2.0).split("\n")
+    columns = "strategy runs successes rate 95 % confidence time, s path, m"
+    places = " ".join(f"error {frame}, m ±, m in 1σ / 2σ false" for frame in ("on Earth", "from the drone"))
+    assert head.split() == f"{columns} {places}".split()
     assert flux.split("  ")[0] == "flux"
     assert re.split(r"\s{2,}", flux)[1:5] == ["4", "2", "50.0 %", "15.0–85.0 %"]
-    assert re.split(r"\s{2,}", flux)[5:] == ["15 / 19", "14 / 17", "1.00 / 7.40", "–", "–", "1 / 0"]
-    assert re.split(r"\s{2,}", estimate) == ["estimate", "2", "0", "0.0 %", "0.0–65.8 %", *"–––––", "0 / 0"]
+    nothing = [*"–––", "0 / 0"]
+    assert re.split(r"\s{2,}", flux)[5:] == ["15 / 19", "14 / 17", "1.00 / 7.40", *"––", "1 / 0", *nothing]
+    assert re.split(r"\s{2,}", estimate) == ["estimate", "2", "0", "0.0 %", "0.0–65.8 %", *"––", *nothing, *nothing]
     assert "within 2 m" in foot
+    assert compared.startswith("estimate against flux on 1 trials: success ")
+
+
+def test_a_place_found_has_its_error_relative_to_the_vehicle_beside_that_on_earth() -> None:
+    rows = runs(2.5, 2.5, sigma_m=2.0, relative_m=0.5, relative_sigma_m=0.1)
+    expected = ["2.50 / 2.50", "2.00 / 2.00", "0 % / 100 %", "2 / 0"]
+    expected += ["0.50 / 0.50", "0.10 / 0.10", "0 % / 0 %", "0 / 2"]
+    assert re.split(r"\s{2,}", report.text(rows, 2.0).split("\n")[1])[7:] == expected
+    assert cells(report.page("p", rows, 2.0), "By strategy")[0][7:] == expected
 
 
 def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
@@ -86,8 +97,10 @@ def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
     says(
         table,
         r"a\_b & 4 & 3 & 75.0 \% & 30.1--95.4 \% &",
-        "a_b against flux on 4 trials: success +25.0 points, 95 % from -27.6 to +60.9",
+        f"% {(compared := 'a_b against flux on 4 trials: success +25.0 points, 95 % from -27.6 to +60.9')}",
     )
+    assert f"\n{compared}, time +0 s, 95 % from -0 to +1" in report.text([*flux, *other], 2.0)
+    assert f"{compared}, time +0 s, 95 % from -0 to +1." in report.page("p", [*flux, *other], 2.0)
     assert table.isascii()
 
 

@@ -13,13 +13,26 @@ from contextlib import AbstractContextManager, closing
 from dataclasses import astuple, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from arva_hil.campaign import results as module
-from arva_hil.campaign.results import NAME, REPORT, TABLE, ResultsError, TrialRow, opened, row, summary
+from arva_hil.campaign.results import (
+    EARTH,
+    NAME,
+    REPORT,
+    TABLE,
+    VEHICLE,
+    Errors,
+    ResultsError,
+    TrialRow,
+    opened,
+    row,
+    summary,
+)
 from arva_hil.campaign.trial import Result
 from tests.files import rows as table
 from tests.waiting import no_file_beyond
@@ -348,10 +361,19 @@ def test_results_that_differ_as_between_processors_are_alike() -> None:
     assert one.difference(replace(one, outcome="not sure")) == "outcome not sure instead of found"
 
 
-def test_the_summary_says_how_often_places_are_inside_their_uncertainty_and_how_many_are_false() -> None:
+@pytest.mark.parametrize(("frame", "error", "sigma"), [("earth", *EARTH), ("vehicle", *VEHICLE)])
+def test_the_summary_says_how_often_places_are_inside_their_uncertainty_and_how_many_are_false(
+    frame: str, error: str, sigma: str
+) -> None:
+    """On Earth and relative to the vehicle, each by its own numbers."""
+    nothing: dict[str, Any] = dict.fromkeys((*EARTH, *VEHICLE))
     found = [(0.5, 1.0), (1.5, 1.0), (2.5, 2.0), (3.5, 1.0)]
-    rows = [replace(ROWS[0], outcome="found", error_m=error, sigma_m=sigma) for error, sigma in found]
-    some = summary([*rows, replace(ROWS[0], outcome="not sure", error_m=50.0, sigma_m=1.0)], 2.0)
+    rows = [replace(ROWS[0], outcome="found", **nothing | {error: off, sigma: spread}) for off, spread in found]
+    unsure = replace(ROWS[0], outcome="not sure", **nothing | {error: 50.0, sigma: 1.0})
+    some: Errors = getattr(summary([*rows, unsure], 2.0), frame)
+    assert some.error_m == (2.5, pytest.approx(31.4))
     assert (some.inside, some.false) == ((0.25, 0.75), (2, 1))
     assert some.sigma_m == (1.0, pytest.approx(1.7))
-    assert summary([replace(rows[0], sigma_m=None)], 2.0).inside is None
+    assert getattr(summary([replace(rows[0], **{sigma: None})], 2.0), frame).inside is None
+    other = summary(rows, 2.0).vehicle if frame == "earth" else summary(rows, 2.0).earth
+    assert other == Errors(None, None, None, (0, 0))

@@ -88,7 +88,7 @@ def test_it_flies_the_plan_and_reports(arva: Arva, plan: Path, monkeypatch: pyte
     Path("plan-results").symlink_to("disk")
     _, out, err = arva("campaign", plan)
     first = [line.split()[0] for line in out.splitlines()]
-    assert first == ["strategy", "flux", "estimate", "extremum", "success:", "2"]
+    assert first == ["strategy", "flux", "estimate", "extremum", "success:", "estimate", "extremum", "2"]
     says(err, f"{TRIALS} trials, 0 of them done; processes: 1", "plan-results/results.csv, plan-results/report.html")
     assert rows(Path("plan-results")) == TRIALS
     page = Path("plan-results/report.html").read_text()
