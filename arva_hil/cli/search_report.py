@@ -15,7 +15,7 @@ from arva_hil.events import Event
 from arva_hil.events.event_json import event_object
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
-from arva_hil.events.words.text import placed, sigma
+from arva_hil.events.words.text import placed, sigma, unless_reported
 from arva_hil.links import files
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.records.pictures.run import of_search
@@ -52,8 +52,8 @@ def on_earth(lat_lon: tuple[float, float], found: Found, accuracy: Accuracy) -> 
     """Return a position on Earth, with its sigma."""
     metres = sigma_of(accuracy.on_earth(found))
     spread = "" if metres is None else f" ± {sigma(metres)} on Earth"
-    unknown = "" if accuracy.reported else ", or more: the autopilot does not report its accuracy"
-    return f"position: {lat_lon[0]:.7f}, {lat_lon[1]:.7f}{spread}{unknown if spread else ''}"
+    unknown = unless_reported(accuracy.reported_m) if spread else ""
+    return f"position: {lat_lon[0]:.7f}, {lat_lon[1]:.7f}{spread}{unknown}"
 
 
 def place_as_dict(found: Found, lat_lon: tuple[float, float] | None, accuracy: Accuracy) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def place_as_dict(found: Found, lat_lon: tuple[float, float] | None, accuracy: A
         "lat_lon": lat_lon,
         "relative_covariance": accuracy.relative(found),
         "earth_covariance": accuracy.on_earth(found),
-        "autopilot_sigma_m": accuracy.sigma_m if accuracy.reported else None,
+        "autopilot_sigma_m": accuracy.reported_m,
     }
 
 

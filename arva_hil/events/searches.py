@@ -297,6 +297,7 @@ class PlaceFound(TransmitterEvent):
     - `covariance`: as above, in the positions that the vehicle estimates. `sure`: the readings agree with the place.
     - `relative_covariance`: of the place relative to the vehicle.
     - `earth_covariance`: of the position on Earth, with the error of the vehicle's own position.
+    - `autopilot_sigma_m`: of the vehicle's own position on each axis, at least; None if the autopilot reports none.
     """
 
     north_m: float
@@ -305,6 +306,7 @@ class PlaceFound(TransmitterEvent):
     sure: bool
     relative_covariance: tuple[float, float, float] | None = None
     earth_covariance: tuple[float, float, float] | None = None
+    autopilot_sigma_m: float | None = None
 
 
 class ReceiverTurned(TransmitterEvent):

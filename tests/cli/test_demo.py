@@ -76,7 +76,13 @@ def test_the_strategy_the_format_and_an_error_of_the_gps_are_chosen(
     assert 0.1 < error_m(err) < 2.0
     assert "\nfound a transmitter: " in err  # this format has no ids
     assert re.search(r"of the take-off point; .* the drone ± (0\.\d m|\d cm)", err)  # by the check of the readings
-    assert re.search(r"position: .* ± 2\.\d m on Earth, or more: the autopilot does not report its accuracy", err)
+    unknown = "or more: the autopilot does not report its accuracy"
+    assert re.search(rf"position: .* ± 2\.\d m on Earth, {unknown}", err)
+    assert unknown in arva("report", tmp_path, "--out", "-").out
+    assert unknown in arva("export", tmp_path, "--format", "kml", "--out", "-").out
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+    (found,) = [one for one in events if one["event"] == "place_found"]
+    assert found["autopilot_sigma_m"] is None
 
 
 def test_at_full_speed_it_is_repeatable(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -277,8 +277,9 @@ def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() ->
     assert search["take_off"] == pytest.approx([1.0, 0.0], abs=0.01)
     assert search["mean"] == pytest.approx([6.0, 1.0], abs=0.01)
     assert search["goal"] == pytest.approx([6.0, 6.0], abs=0.01)
-    state.update([FromSearch(3.0, PlaceFound(3.0, 7, 5.0, 1.0, None, False))])
-    assert shown(state)["search"]["found"]["place"] == pytest.approx([6.0, 1.0], abs=0.01)
+    state.update([FromSearch(3.0, PlaceFound(3.0, 7, 5.0, 1.0, None, False, autopilot_sigma_m=2.5))])
+    found = shown(state)["search"]["found"]
+    assert (found["place"], found["autopilot_sigma_m"]) == (pytest.approx([6.0, 1.0], abs=0.01), 2.5)
     noted = VictimNoted(4.0, 7, 1, 2, 5.0, 1.0, True, True, 1, False)
     state.update([FromSearch(event.time_s, event) for event in (noted, TransmitterChosen(5.0, 8, 20.0))])
     search = shown(state)["search"]  # of the next one, and the first is still there

@@ -56,7 +56,7 @@ def test_the_map_has_the_track_the_place_found_and_the_transmitters(axes: Axes, 
     curves = labelled(axes)
     poses = [made.pose.position for made in frames(DEFAULT, COUNT) if made.pose]
     np.testing.assert_allclose(curves["mid zone"], [(east, north) for north, east, _ in poses])
-    assert curves["place found, 95 % ellipse"].tolist()[0] == pytest.approx([5.25, 20.5], abs=1e-3)
+    assert curves["place found, 95 % on Earth"].tolist()[0] == pytest.approx([5.25, 20.5], abs=1e-3)
     assert curves["transmitter 1, dipole"].tolist() == [[5.0, 20.0]]
     assert curves["search: its own position"][0].tolist() == pytest.approx([0.0, 2.0], abs=1e-3)
     assert {text.get_text() for text in axes.texts} >= {"1", "10 m", "20 m"}

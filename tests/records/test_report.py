@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from arva_hil.config import DEFAULT, parse
+from arva_hil.records.exports.tracks import marks
 from arva_hil.records.reading import Recording, load
 from arva_hil.records.report import page as module
 from arva_hil.records.report.facts import errors_m, facts, found_of, merged
@@ -69,6 +70,23 @@ def test_the_place_found_is_compared_with_the_truth(tmp_path: Path) -> None:
     assert search["error"] == "0.56 m from the transmitter, horizontally"
     assert search["on Earth, 95 % inside"] == "1.00 m × 0.44 m, long axis 13°"
     assert (search["time"], search["path"], search["frames"]) == ("22 s", "22 m", "30")
+
+
+@pytest.mark.parametrize(("autopilot_m", "unknown"), [(2.1, False), (None, True)])
+def test_an_accuracy_that_the_autopilot_does_not_report_is_unknown(
+    tmp_path: Path, autopilot_m: float | None, unknown: bool
+) -> None:
+    folder = write(tmp_path / "flight", COUNT, search=False)
+    found = {"north": 18.5, "east": 5.25, "covariance": [0.1, 0.0, 0.1], "relative_covariance": [0.04, 0.0, 0.01]}
+    found |= {"earth_covariance": [4.0, 0.0, 4.0], "autopilot_sigma_m": autopilot_m, "lat_lon": [46.0, 7.7]}
+    recording = load(write_search(folder, COUNT, found=found))
+    search = facts(recording)["What the search found"]
+    assert search["relative to the drone"] == "± 0.20 m"
+    assert search["on Earth, 95 % inside"].startswith("4.90 m × 4.90 m, long axis ")
+    (mark, *_) = marks(recording)
+    assert "; relative to the drone ± 0.20 m" in mark.about
+    for text in (search["on Earth, 95 % inside"], mark.about):
+        assert (", or more: the autopilot does not report its accuracy" in text) is unknown
 
 
 def test_the_error_is_that_to_the_transmitter_searched_for_and_not_to_a_nearer_one(tmp_path: Path) -> None:

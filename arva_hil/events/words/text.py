@@ -44,6 +44,11 @@ def sigma(metres: float) -> str:
     return f"{100 * metres:.0f} cm" if metres >= LEAST_M else "less than 1 cm"
 
 
+def unless_reported(autopilot_sigma_m: float | None) -> str:
+    """Return the words after an uncertainty on Earth if the autopilot does not report its accuracy, else ""."""
+    return ", or more: the autopilot does not report its accuracy" if autopilot_sigma_m is None else ""
+
+
 def placed(north_m: float, east_m: float) -> str:
     """Return a place as two distances with directions, without a minus."""
     north, east = round(north_m, 1), round(east_m, 1)

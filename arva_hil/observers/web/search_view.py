@@ -146,6 +146,7 @@ class SearchView:
                 "covariance": _covariance(last.covariance),
                 "relative_covariance": _covariance(last.relative_covariance),
                 "earth_covariance": _covariance(last.earth_covariance),
+                "autopilot_sigma_m": last.autopilot_sigma_m,
                 "sure": last.sure,
             },
         }

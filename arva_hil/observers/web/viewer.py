@@ -159,6 +159,7 @@ class RecordedState(State):
                 sure,
                 found.relative_covariance,
                 found.earth_covariance,
+                found.autopilot_sigma_m,
             )
         if SearchEnded not in kinds and search.how:  # the vehicle was taken over, or lost
             yield SearchEnded(self.span_s[1], [because(Why.ERROR, text=search.how)], False)

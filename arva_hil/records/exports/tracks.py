@@ -143,7 +143,7 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: 
         major, minor, bearing = ellipse
         about = (
             f"{order}{search.how}; on Earth {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × "
-            f"{in_metres(minor)} (semi-axes), long axis {math.degrees(bearing) % 180:.0f}°"
+            f"{in_metres(minor)} (semi-axes), long axis {math.degrees(bearing) % 180:.0f}°{found.unknown}"
         )
         if (spread := sigma_of(found.relative_covariance)) is not None:
             about += f"; relative to the drone ± {in_metres(spread)}"

@@ -72,7 +72,7 @@ def _draw_search(axes: Axes, recording: Recording, vehicle: str) -> list[Any]:
         edge = np.array([(north, east, 0.0) for north, east in [(found.north, found.east), *found.outline()]])
         places = recording.of_search(edge, vehicle) if recording.receivers else edge
         if places is not None:
-            name = "place found, 95 % ellipse" if number == 1 else None
+            name = "place found, 95 % on Earth" if number == 1 else None
             axes.plot(*places[0, 1::-1], "x", ms=9, mew=2, color=RED, label=name, zorder=6)
             axes.plot(places[1:, 1], places[1:, 0], color=RED, lw=1.2, zorder=6)
             if len(search.places) > 1:

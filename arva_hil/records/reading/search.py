@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.events.words.text import unless_reported
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import (
     Lines,
@@ -39,8 +40,9 @@ class RecordedPlace:
 
     `covariance`: of north and east, m² (nn, ne, ee); None if the strategy gives none. `id`: of the transmitter, None if
     it is not known; `sure`: the readings agree with the place. `relative_covariance`: of the place relative to the
-    drone; `earth_covariance`: of the position on Earth; None in old logs. `time_s`: from the start of a search for
-    several until it was found; None if not known.
+    drone; `earth_covariance`: of the position on Earth; None in old logs. `autopilot_sigma_m`: of the drone's own
+    position; None if the autopilot does not report it. `time_s`: from the start of a search for several until it was
+    found; None if not known.
     """
 
     north: float
@@ -52,6 +54,7 @@ class RecordedPlace:
     sure: bool = True
     relative_covariance: tuple[float, float, float] | None = None
     earth_covariance: tuple[float, float, float] | None = None
+    autopilot_sigma_m: float | None = None
     time_s: float | None = None
 
     def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
@@ -67,6 +70,11 @@ class RecordedPlace:
         size = math.sqrt(-2 * math.log(1 - probability))
         minor, major = (size * math.sqrt(max(float(value), 0.0)) for value in values)
         return major, minor, math.atan2(vectors[1, 1], vectors[0, 1])
+
+    @property
+    def unknown(self) -> str:
+        """Words after the uncertainty on Earth if the autopilot does not report its accuracy, else ""."""
+        return unless_reported(self.autopilot_sigma_m) if self.earth_covariance else ""
 
     def outline(self, probability: float = 0.95, points: int = 48) -> list[tuple[float, float]]:
         """Return that area's edge as (north, east), metres from the take-off point, closed; empty if unknown."""
@@ -191,5 +199,6 @@ def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
         about.get("sure") is not False,
         triple(found.get("relative_covariance")),
         triple(found.get("earth_covariance")),
+        number(found.get("autopilot_sigma_m")),
         number(about.get("time_s")),
     )

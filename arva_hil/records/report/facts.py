@@ -125,7 +125,7 @@ def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str
     if ellipse := found.ellipse():
         major, minor, bearing = ellipse
         angle = math.degrees(bearing) % 180
-        yield "on Earth, 95 % inside", f"{in_metres(major)} × {in_metres(minor)}, long axis {angle:.0f}°"
+        yield "on Earth, 95 % inside", f"{in_metres(major)} × {in_metres(minor)}, long axis {angle:.0f}°{found.unknown}"
     else:
         yield "on Earth, 95 % inside", "the strategy does not say how sure it is"
     if (spread := sigma_of(found.relative_covariance)) is not None:

@@ -106,4 +106,5 @@ def _of_search(search: RecordedSearch) -> Iterator[Event]:
             True,
             found.relative_covariance,
             found.earth_covariance,
+            found.autopilot_sigma_m,
         )

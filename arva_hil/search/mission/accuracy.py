@@ -33,6 +33,11 @@ class Accuracy(NamedTuple):
     reported: bool = False
     """True if the autopilot reports an accuracy."""
 
+    @property
+    def reported_m(self) -> float | None:
+        """The sigma; None if the autopilot does not report an accuracy."""
+        return self.sigma_m if self.reported else None
+
     def on_earth(self, found: Found) -> Covariance | None:
         """Return the covariance of the position on Earth of a place found [m²]; None if none is known."""
         return _with(found.covariance, self.sigma_m)

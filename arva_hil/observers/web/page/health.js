@@ -117,7 +117,10 @@ export function showSearch(search, truth, transmitters, team, share) {
   }
   const relative = search.found ? search.found.relative_covariance ?? search.found.covariance : search.covariance;
   if (relative) rows.push(["from the drone", `± ${precise(axes(relative).a, 1)}`]);
-  if (search.found?.earth_covariance) rows.push(["on Earth", `± ${precise(axes(search.found.earth_covariance).a, 1)}`]);
+  if (search.found?.earth_covariance) {
+    const more = search.found.autopilot_sigma_m === null ? ", or more" : "";  // the autopilot does not report its accuracy
+    rows.push(["on Earth", `± ${precise(axes(search.found.earth_covariance).a, 1)}${more}`]);
+  }
   const believed = search.found?.place ?? search.mean, id = search.found?.id ?? search.target;
   const real = transmitters.find((one) => one.id === id) ?? (transmitters.length === 1 ? transmitters[0] : null);
   if (truth && believed && real) rows.push(["off the truth", precise(Math.hypot(believed[0] - real.place[0], believed[1] - real.place[1]), 2)]);
