@@ -23,10 +23,12 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: of two threads on a bu
 import numpy as np
 
 from arva_hil.campaign.plan import draw
+from arva_hil.campaign.trial import FOUND
 from arva_hil.clock import StepClock
 from arva_hil.config import Fault, NavigationError, Scenario
 from arva_hil.config.campaign import Random
 from arva_hil.config.receiver import MountOptions
+from arva_hil.events.words.reasons import in_words
 from arva_hil.model.field import rotation
 from arva_hil.model.receiver.pulsed import PulsedReceiver
 from arva_hil.model.receiver.reading import ChannelReading, Reading
@@ -135,7 +137,6 @@ class World:
 
     scenario: Scenario
     error: AnyPoseError | None = None
-    limit_s: float = _LIMIT_S
     area_m: float = 50.0
 
 
@@ -192,7 +193,7 @@ def _empty(seed: int) -> World:
     far = replace(base.transmitters[0], ned=(2000.0, 0.0, 0.0))
     ghosts = Fault("impulses", round(math.exp(random.Random(f"ghosts {seed}").uniform(-4, 0)), 3))
     scenario = replace(base, transmitters=(far,), receiver=replace(base.receiver, options=options), faults=(ghosts,))
-    return World(scenario, limit_s=240.0, area_m=20.0)
+    return World(scenario, area_m=20.0)
 
 
 def _anything(seed: int) -> World:
@@ -229,22 +230,25 @@ def fly(name: str, seed: int, strategy: str = "estimate") -> Flown:
     if world.error is not None:
         scenario = replace(scenario, navigation_error=NavigationError())
     area = -world.area_m, -world.area_m, world.area_m, world.area_m
-    plan = SearchPlan(STRATEGIES[strategy], limit_s=world.limit_s, area=area)
+    plan = SearchPlan(STRATEGIES[strategy], limit_s=_LIMIT_S, area=area)
     loop = ClosedLoop(scenario, plan, start=clock.now(), stream_hz=10.0)
     (drone,) = loop.drones
     emulated: Any = drone.emulated.world
     if world.error is not None:
         emulated._truth._error = world.error
-    run(loop.tasks, clock, until=world.limit_s + 120.0, stopped=lambda: drone.decided)
+    run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: drone.decided)
     mission, origin = drone.mission, drone.search.origin
-    if mission is None or mission.ended is None or mission.found is None or origin is None:
-        return Flown(seed, mission.ended.why.name if mission and mission.ended else "NONE")
+    if mission is None or mission.ended is None or origin is None:
+        return Flown(seed, "no end")
+    outcome = in_words(mission.ended).partition(":")[0]
+    if mission.found is None:
+        return Flown(seed, outcome, mission.progress.searched_s)
     found, there = mission.found, emulated.at(clock.now())
     true, told = (np.array(origin.ned(*emulated.datum.frame.lla(one.position))) for one in (there.pose, there.reported))
     (transmitter,) = (np.array(place) for place in drone.truth().values())
     return Flown(
         seed,
-        mission.ended.why.name,
+        outcome,
         mission.progress.searched_s,
         math.dist(found[:2], transmitter[:2]),
         sigma_of(mission.reports.accuracy.on_earth(found)),
@@ -256,9 +260,9 @@ def fly(name: str, seed: int, strategy: str = "estimate") -> Flown:
 
 def line(name: str, every: Sequence[Flown]) -> str:
     """The statistics of a world."""
-    found = [one for one in every if one.outcome == "FOUND"]
-    rest = Counter(one.outcome for one in every if one.outcome != "FOUND")
-    ended = "".join(f", {count} {kind.lower().replace('_', ' ')}" for kind, count in rest.items())
+    found = [one for one in every if one.outcome == FOUND]
+    rest = Counter(one.outcome for one in every if one.outcome != FOUND)
+    ended = "".join(f", {count} {kind}" for kind, count in rest.items())
     if not found:
         return f"{name}: none of {len(every)} found{ended}"
     earth = spread([one.error for one in found], [one.sigma for one in found])

@@ -257,10 +257,12 @@ class TransmitterChosen(TransmitterEvent):
 class TransmitterFaded(TransmitterEvent):
     """The receiver does not detect the transmitter any more. The vehicle flies search strips again.
 
-    `hardly`: the receiver detects it only sometimes; the search postpones it until it is nearer.
+    `hardly`: the receiver detects it only sometimes; the search postpones it until it is nearer. `noise`: the flux
+    lines of its readings point anywhere; the search postpones it until they agree.
     """
 
     hardly: bool = False
+    noise: bool = False
 
 
 class TransmitterLeft(TransmitterEvent):

@@ -93,7 +93,7 @@ def test_a_search_whose_time_is_up_says_how_many_it_has_found(found: int, wanted
 @pytest.mark.parametrize(
     ("event", "field", "words"),
     [
-        (SearchEnded(1.0, (FLOWN,), True), "how", "not found: all strips are flown, twice"),
+        (SearchEnded(1.0, (FLOWN,), True), "how", "no signal agrees with a place: all strips are flown, twice"),
         (MOVED, "reason", "home has moved"),
         (DatumSet(1.0, "vehicle", 46.0, 7.0, 1650.0, ()), "reason", ""),
         (WouldOrder(1.0, "DO_SET_MODE", OrderDetail("GUIDED", at_end=True)), "what", "GUIDED, at the end"),

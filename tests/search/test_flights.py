@@ -241,6 +241,16 @@ def test_no_find_is_false(strategy: str, seed: int) -> None:
     assert flown(strategy, seed, most=3).kind != "false"
 
 
+@pytest.mark.parametrize("ghosts", [0.02, 0.6])
+def test_where_nobody_sends_a_loud_drone_receives_no_signal(ghosts: float) -> None:
+    """All readings are noise of the antennas, and ghost signals."""
+    faults = f"faults: [interference: 100, impulses: {ghosts}]"
+    flight = Flight("estimate", faults, victim="{id: 1, ned: [2000, 0, 0]}", area=(-10, -10, 10, 10))
+    assert flight.outcome.others
+    assert in_words(flight.outcome.how).startswith("no signal agrees with a place: all strips are flown")
+    assert flight.outcome.time_s < 200.0
+
+
 def test_a_dead_antenna_is_noticed_and_the_transmitter_found() -> None:
     one = flown("estimate", 69, most=3)
     assert "antenna_y=0" in one.faults

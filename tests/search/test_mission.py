@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -36,7 +37,7 @@ from arva_hil.search.mission.outcome import conclusion
 from arva_hil.search.strategies.analysis import TransmitterReadings
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
 from arva_hil.search.strategies.strips import Area, Strips
 from arva_hil.search.team.team import TeamField, Teammate
 from arva_hil.search.team.team_tunnel import News
@@ -358,6 +359,35 @@ def test_a_transmitter_that_is_hardly_heard_is_put_off_until_it_is_nearer(strate
     for now in range(352, 357):
         heard(m, beacon(1, 50), at_s=float(now))
     assert m.choice.hunting
+
+
+def test_readings_that_point_anywhere_are_noise_until_they_agree(strategy: type[Scripted]) -> None:
+    m, anywhere = mission(strategy), random.Random(1)
+    for now in range(101, 131):
+        heard(m, beacon(1, 20, anywhere.randrange(-89, 90)), at_s=float(now))
+    assert not m.choice.hunting
+    (faded,) = (event for event in m.news() if isinstance(event, TransmitterFaded))
+    assert faded.noise
+    for now in range(131, 145):
+        heard(m, beacon(1, 20, 30), at_s=float(now))
+    assert m.choice.hunting
+    for now in range(145, 160):  # so near that the flux line turns over each metre
+        heard(m, beacon(1, 5, anywhere.randrange(-89, 90)), at_s=float(now), position=(now % 2, 4.0, -1.0))
+    assert m.choice.hunting
+
+
+def test_a_search_goes_back_to_the_lane_where_it_left_it(strategy: type[Scripted]) -> None:
+    plan = SearchPlan(strategy, height=1.0, area=(0.0, 0.0, 60.0, 10.0))
+    m, left = Told(plan, 100.0, (0.0, 5.0, -1.0)), (20.0, 5.0, -1.0)
+    heard(m, at_s=101.0, position=(0.0, 5.0, -1.0))
+    heard(m, beacon(1, 60), at_s=102.0, position=left)
+    for now in range(103, 164):
+        heard(m, at_s=float(now), position=(35.0, 9.0, -1.0))
+    assert heard(m, at_s=164.0, position=(35.0, 9.0, -1.0)) == pytest.approx(
+        towards((35.0, 9.0, -1.0), (20.0, 5.0), 1.0)
+    )
+    north, east = heard(m, at_s=180.0, position=left)
+    assert (north, east) == pytest.approx((1.0, 0.0))
 
 
 def test_a_transmitter_lost_before_it_came_nearer_is_put_off_too(strategy: type[Scripted]) -> None:
@@ -838,7 +868,7 @@ def test_one_that_only_hears_a_transmitter_hardly_ends_after_two_rounds(team: bo
         north, east, _ = m.fly(now, position)
         position = position[0] + 0.5 * north, position[1] + 0.5 * east, -3.0
         assert now < 1300.0
-    assert in_words(m.ended).startswith("not found: all strips are flown")
+    assert in_words(m.ended).startswith("no signal agrees with a place: all strips are flown")
     assert in_words(m.ended).endswith(", twice")
 
 

@@ -183,7 +183,7 @@ def _not_all(where: str, nothing: str, found: int, wanted: int | None, more: int
 
 def _strips_flown(heard: bool, twice: bool, team: bool, **counts: Any) -> str:
     strips = "all strips are flown" + (", those of other parts as the team reports" if team else "")
-    nothing = f"{'not found' if heard else 'no signal'}: {strips}{', twice' if twice else ''}"
+    nothing = f"{'no signal agrees with a place' if heard else 'no signal'}: {strips}{', twice' if twice else ''}"
     return _not_all("on all strips", nothing, **counts)
 
 

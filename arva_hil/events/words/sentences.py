@@ -84,6 +84,12 @@ _NOTED: Final = (
     "victim {number}{wanted:of}: transmitter {transmitter:number} at {event:place} of the take-off point"
     "{sure:|, not sure}, {marked:marked by the receiver|recorded, not marked}"
 )
+_FADED: Final = {
+    True: "warning: the flux lines of transmitter {transmitter:number} point anywhere, as noise: back to the search "
+    "strips",
+    False: "warning: transmitter {transmitter:number} is {hardly:hardly received|not received any more}: back to the "
+    "search strips",
+}
 _LEFT: Final = "; {left} more received{more:, and more than a frame has|}"
 _HEIGHTS: Final = {
     "rangefinder": "height above the ground: from the rangefinder",
@@ -216,8 +222,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.TransmitterHeard: "received transmitter {transmitter:number}, {distance_m:.1f} m away, at "
     "{event:place} of the take-off point",
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
-    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly received|not received any "
-    "more}: back to the search strips",
+    searches.TransmitterFaded: lambda e: _FADED[e.noise],
     searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
     searches.TeammateLost: "warning: the search of vehicle {number} sends nothing any more: this one stays {apart_m:g} "
     "m from where it was, {event:place} of the take-off point",

@@ -248,14 +248,45 @@ _STEADY_S: Final = 5.0  # retry a postponed transmitter that was in all frames f
 _MOST_HEARD: Final = 16  # transmitters
 
 
+_PAIR_S: Final = (0.9, 5.0)  # between two readings that are compared
+_PAIR_M: Final = 0.1  # largest distance between them, as a share of d: the flux line hardly turns over it
+_RANDOM: Final = 0.3  # of cos 2φ between two flux lines: the mean is 0 for noise, 0.7 to 1 for a distant transmitter
+_NOISE: Final = 4.0  # after about 13 readings of noise
+
+
 @dataclass
 class HeardTransmitter:
-    """The known state of one transmitter."""
+    """The known state of one transmitter.
+
+    `agreement`: of its flux lines, each with the one before; it grows with each pair that agrees, to 4, and falls with
+    each that does not, to -4. `noise`: then no transmitter sends these readings, until the agreement is 0 again.
+    """
 
     nearest_m: float = math.inf
     nearest_at: tuple[float, float] = (0.0, 0.0)  # north, east of the receiver
     last_m: float = math.inf
     last_s: float = -math.inf
+    agreement: float = 0.0
+    noise: bool = False
+    _compared: Observation | None = None
+
+    def observe(self, o: Observation) -> None:
+        """Use a reading."""
+        self.last_m, self.last_s = o.d_m, o.time_s
+        if o.d_m < self.nearest_m:
+            self.nearest_m, self.nearest_at = o.d_m, o.position[:2]
+        before = self._compared
+        if before is not None and 0 <= o.time_s - before.time_s < _PAIR_S[0]:
+            return
+        self._compared = o
+        if before is None or not 0 <= o.time_s - before.time_s < _PAIR_S[1]:
+            return
+        far = math.dist(o.position, before.position) > _PAIR_M * min(o.d_m, before.d_m)
+        if far or o.inner or before.inner:
+            return
+        more = math.cos(2 * (o.bearing - before.bearing)) - _RANDOM
+        self.agreement = min(max(self.agreement + more, -_NOISE), _NOISE)
+        self.noise = self.agreement <= -_NOISE or (self.noise and self.agreement < 0)
 
 
 LONG_S: Final = 240.0  # limit for one transmitter, while others or strips are left
@@ -382,10 +413,7 @@ class Choice:
                 return
             self.heard[id_] = HeardTransmitter()
             self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
-        one = self.heard[id_]
-        one.last_m, one.last_s = observation.d_m, observation.time_s
-        if one.last_m < one.nearest_m:
-            one.nearest_m, one.nearest_at = one.last_m, observation.position[:2]
+        self.heard[id_].observe(observation)
         self.guidance.add(id_, observation)
 
     def choose(self, ids: Collection[int], time_s: float, *, masked: bool = False) -> None:
@@ -406,11 +434,11 @@ class Choice:
             deaf = time_s - current.last_s > _DEAF_S
             if hardly or (deaf and current.nearest_m > _CLOSER * self._from_m):
                 self._put_off[self.target] = current.nearest_m, time_s
-            if hardly or deaf:
+            if hardly or deaf or current.noise:
                 self._abandon()
-                self._emit(TransmitterFaded(time_s, id_of(self.target), hardly))
+                self._emit(TransmitterFaded(time_s, id_of(self.target), hardly, current.noise))
         flown = self.target if self.hunting else None  # not passed by, as checked above
-        known = [id_ for id_ in ids if id_ in self.heard]
+        known = [id_ for id_ in ids if id_ in self.heard and not self.heard[id_].noise]
         heard = {id_: self.heard[id_] for id_ in known if id_ == flown or not self._passes(id_, False)}
         for id_, (metres, since_s) in self._put_off.items():
             self._put_off[id_] = metres, since_s if id_ in ids or masked else time_s

@@ -51,14 +51,17 @@ _BELIEF_S: Final = 0.5  # between estimates that are reported
 
 
 class Progress:
-    """The time, the path and the frames of a search, and the newest position of the vehicle."""
+    """The time, the path and the frames of a search, and the newest position of the vehicle.
+
+    `left_at`: where it left the strips for a transmitter.
+    """
 
     def __init__(self, start_s: float, position: Position) -> None:
         self.searched_s = 0.0
         self.path_m = 0.0  # horizontally
         self.frames = 0
         self._start_s = start_s
-        self.position = position
+        self.position = self.left_at = position
 
     def move(self, time_s: float, position: Position, *, searching: bool) -> None:
         """Note the place of the vehicle. `searching`: the time counts."""
@@ -148,7 +151,12 @@ class Mission:
             self.victims.on_frame(frame, time_s)
         if not self.ended and not self._reached:
             masked = self._shares and hidden(frame, self.choice.target)
+            hunted = self.choice.hunting
             self.choice.choose(heard, time_s, masked=masked)
+            if self.choice.hunting and not hunted:
+                self.progress.left_at = position
+            elif hunted and not self.choice.hunting:
+                self._strips.resume(self.progress.left_at)
             target = self.choice.target
             if self.choice.hunting and target in heard:
                 guidance.observe(every[target], self._keeper.wanted)
