@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 from arva_hil.clock import StepClock
@@ -49,8 +50,8 @@ class Result:
     `hover_m` that of the last one. Of several drones: the time until enough were found, and the sums of paths and
     frames.
 
-    `sigma_m`: the uncertainty of the place on Earth; `relative_m`, `relative_sigma_m`: error and uncertainty of the
-    place relative to the vehicle. All are None for several transmitters or drones.
+    `sigma_m`: the uncertainty of that place on Earth, None for several drones; `relative_m`, `relative_sigma_m`: error
+    and uncertainty of the place relative to the vehicle, None for several transmitters or drones.
     """
 
     outcome: str  # "found", or why not
@@ -107,17 +108,23 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         max((mission.progress.searched_s for mission in missions), default=0.0),
         sum((mission.progress.path_m for mission in missions), 0.0),
         sum(mission.progress.frames for mission in missions),
-        *(() if team or first.several else _accuracy(first, clock.now())),
+        *(() if team else _accuracy(first, clock.now())),
     )
 
 
 def _accuracy(drone: Drone, now: float) -> tuple[float | None, ...]:
     """Return the uncertainty on Earth, and error and uncertainty relative to the vehicle; empty if nothing is found."""
     mission = drone.mission
-    if mission is None or mission.found is None:
+    if mission is None:
         return ()
-    relative = mission.reports.accuracy.relative(mission.found)
-    return sigma_of(mission.reports.accuracy.on_earth(mission.found)), drone.relative_error(now), sigma_of(relative)
+    accuracy = mission.reports.accuracy
+    if drone.several:
+        by_error = sorted(drone.errors().items(), key=itemgetter(1))
+        return tuple(sigma_of(accuracy.on_earth(victim.found)) for victim, _ in by_error[-1:])
+    if mission.found is None:
+        return ()
+    relative = sigma_of(accuracy.relative(mission.found))
+    return sigma_of(accuracy.on_earth(mission.found)), drone.relative_error(now), relative
 
 
 def _outcome(drone: Drone) -> str:

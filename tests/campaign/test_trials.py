@@ -205,6 +205,13 @@ def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the
     assert (one.relative_m, one.hover_m) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=1.0))
 
 
+def test_of_several_victims_the_uncertainty_is_that_of_the_place_with_the_largest_error(tmp_path: Path) -> None:
+    two = "transmitters: [{id: 1, ned: [8, -6, 0]}, {id: 2, ned: [-6, 9, 0]}]\n"
+    one = row_of(tmp_path, two, f"{PLAN}victims: 2\n")
+    assert (one.outcome, one.error_m, one.sigma_m) == ("found", pytest.approx(0, abs=0.1), pytest.approx(2.1, abs=0.1))
+    assert (one.relative_m, one.relative_sigma_m) == (None, None)  # the vehicle has left the first place
+
+
 def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> None:
     """There is one a second, on the second: five steps a second, and none of them hears it later."""
     steps: list[SearchStep] = []
