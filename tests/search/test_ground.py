@@ -544,7 +544,7 @@ def test_between_two_samples_a_height_is_carried_down_with_the_vehicle(vehicle: 
     for n in range(1, 19):
         t = n * 0.1
         sunk = max(0.0, t - 1.0)
-        vehicle.says(t, *([] if sunk else [distance(300)]))
+        vehicle.says(t, pressure(5.0 - sunk), *([] if sunk else [distance(300)]))
         height = vehicle.height(t, 5.0 - sunk, sinks=1.0 if sunk else 0.0)
     assert 2.1 <= height.metres <= 2.45
 
@@ -709,7 +709,7 @@ def test_a_rangefinder_that_drifts_is_found_above_half_the_height(rate: float, f
             pressed += (noise.gauss(0.0, noise_m) - pressed) * 0.1
             highest = max(highest, above + pressed - shown)
             motion = Odometry(time_s, above - 3.0, flown, speed, (flown, 0.0))
-            lowest = check.height(motion, shown, shown, above + pressed - highest)
+            lowest = check.height(motion, shown, shown, {"barometer": above + pressed - highest})
             assert lowest is not None
             assert above - ground > 1.5, f"lie from {from_s} s"
             found = found or bool(check.deviation(time_s))
@@ -721,6 +721,40 @@ def test_a_rangefinder_that_drifts_is_found_above_half_the_height(rate: float, f
         assert found, f"lie from {from_s} s"
 
 
+@pytest.mark.parametrize(
+    "off",
+    [
+        pytest.param(lambda t: max(0.0, 0.02 * (t - 60)), id="rises with the rangefinder"),
+        pytest.param(lambda t: max(0.0, 0.02 * (t - 60)) - min(2.5, t / 8), id="was too low before"),
+    ],
+)
+@pytest.mark.parametrize("wrong", ["altitude", "barometer"])
+def test_an_altitude_that_is_wrong_hides_no_drift(vehicle: Vehicle, wrong: str, off: Callable[[float], float]) -> None:
+    """One altitude is right. The rangefinder drifts from 60 s on."""
+    keeper, above, sinks = HeightKeeper(3.0, ignored), 3.0, 0.0
+    vehicle.says(0.0, pressure(0.0)).arm()
+    for n in range(1, 1000):
+        t = 0.2 * n
+        altitudes = {"altitude": above, "barometer": above, wrong: above + off(t)}
+        vehicle.says(t, pressure(altitudes["barometer"]), distance(round(100 * (above + max(0.0, 0.02 * (t - 60))))))
+        height = vehicle.height(t, altitudes["altitude"], sinks=sinks)
+        sinks = keeper.velocity(t, height)
+        above -= 0.2 * sinks
+        assert above > 1.8
+    assert height.doubt
+
+
+def test_a_check_that_failed_is_repeated_for_8_s() -> None:
+    """A change that is too small for a short check."""
+    check = RangeCheck(0.9)
+    for n in range(480):
+        time_s, flown = 0.1 * n, min(0.1 * n, 30.0)
+        shown = 3.0 + 0.018 * time_s + 0.05 * (time_s > 33)
+        motion = Odometry(time_s, 0.0, flown, float(time_s < 30), (flown, 0.0))
+        check.height(motion, shown, shown, {"barometer": shown - 2.5 * (time_s > 30)})
+    assert check.deviation(48.0)
+
+
 @pytest.mark.parametrize("fall", [0.1, 0.3, 0.5])
 def test_a_true_rangefinder_above_falling_ground_is_not_called_drifting(fall: float) -> None:
     check, keeper, noise = RangeCheck(0.9), HeightKeeper(3.0, ignored), random.Random(1)
@@ -729,7 +763,7 @@ def test_a_true_rangefinder_above_falling_ground_is_not_called_drifting(fall: fl
         time_s, ground = 0.1 * n, -fall * flown
         shown = round(above - ground + noise.gauss(0.0, 0.01), 2)
         motion = Odometry(time_s, above - 3.0, flown, speed, (flown, 0.0))
-        lowest = check.height(motion, shown, shown, above)
+        lowest = check.height(motion, shown, shown, {"barometer": above})
         assert lowest is not None
         assert check.deviation(time_s) is None
         assert above - ground < 6.0
@@ -743,9 +777,9 @@ def test_a_true_rangefinder_above_falling_ground_is_not_called_drifting(fall: fl
 def test_ground_that_is_lower_after_a_long_silence_is_not_believed(gap_s: float, height: float) -> None:
     """A rangefinder that says 6 m more may be wrong, or the ground may have fallen on the way of 16 m."""
     check = RangeCheck(0.9)
-    check.height(Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0)), 3.0, 3.0, 3.0)
+    check.height(Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0)), 3.0, 3.0, {"barometer": 3.0})
     there = Odometry(gap_s, 0.0, 16.0, 1.0, (16.0, 0.0))
-    assert check.height(there, 9.0, 9.0, 9.0) == pytest.approx(height)
+    assert check.height(there, 9.0, 9.0, {"barometer": 9.0}) == pytest.approx(height)
 
 
 def test_ground_that_slopes_below_a_descent_is_no_drift() -> None:
@@ -754,7 +788,7 @@ def test_ground_that_slopes_below_a_descent_is_no_drift() -> None:
         time_s = 0.1 * n
         sunk, aside = 0.45 * max(0.0, time_s - 12.5), 0.2 * max(0.0, time_s - 12.5)
         metres = 5.0 - sunk + 0.4 * aside
-        check.height(Odometry(time_s, -sunk, aside, 0.2, (aside, 0.0)), metres, metres, metres - 2.0)
+        check.height(Odometry(time_s, -sunk, aside, 0.2, (aside, 0.0)), metres, metres, {"barometer": metres - 2.0})
     assert check.deviation(20.0) is None
 
 
@@ -762,7 +796,7 @@ def test_ground_that_slopes_below_a_descent_is_no_drift() -> None:
 def test_one_value_above_a_slope_that_is_followed_is_not_stuck(climb: float, stuck: bool) -> None:
     check = RangeCheck(0.9)
     motions = [Odometry(0.1 * n, 0.1 * n * climb, 0.1 * n, 1.0, (0.1 * n, 0.0)) for n in range(20)]
-    heights = [check.height(motion, 2.69, 2.69, 2.69) for motion in motions]
+    heights = [check.height(motion, 2.69, 2.69, {"barometer": 2.69}) for motion in motions]
     assert (None in heights) is stuck
 
 

@@ -226,7 +226,7 @@ class Ground:
         """Return the rangefinder's height, checked; None without one."""
         sure, start = [name for name in altitudes if name != "GPS"], self._motion.start
         if motion.time_s == start.time_s and "barometer" in sure and not self._plan.take_over:
-            self._range.begin(start, motion.climbed - max(altitudes[name] for name in sure))
+            self._range.begin(start, motion.climbed - max(altitudes[name] for name in sure), sure)
         _, x, y, _ = state.attitude
         level = 1 - 2 * (x * x + y * y)  # the cosine of the tilt
         if distance is None or level < _LEVEL:
@@ -236,7 +236,7 @@ class Ground:
         if self._checked and old and motion.time_s - self._checked[0].time_s <= FRESH_S:
             then, height = self._checked
             return height + min(0.0, motion.climbed - then.climbed)
-        confirmed = max([altitudes[name] - self._levels[name].highest for name in sure])
+        confirmed = {name: altitudes[name] - self._levels[name].highest for name in sure}
         metres = self._range.height(motion, distance.metres * level, distance.sample, confirmed)
         self._checked = None if metres is None else (motion, metres)
         if metres is not None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from statistics import median
 from typing import Any, Final, NamedTuple
 
@@ -231,7 +231,7 @@ _STUCK_M: Final = 0.5  # climb or descent with one repeated value: the rangefind
 _FOLLOWED: Final = 0.5  # largest slope that the vehicle follows, for which more climb is allowed
 _SAME_M: Final = 1.0  # flight with one value after which the ground may have risen
 _SAME_SLOPE: Final = 0.2  # slope of that ground
-_DRIFTED_M: Final = 1.0  # a fall of the ground that is not followed, before a check
+_DRIFTED_M: Final = 1.05  # a fall of the ground that is not followed, before a check
 _HOVER_M_S: Final = 0.3
 _SETTLE_S: Final = 1.0  # from the stop until the hover counts
 _CHECK: Final = 0.8  # √s: duration of a check, over the root of the time since the last one; their errors add up so
@@ -260,29 +260,30 @@ class DriftCheck:
     A fall is followed as far as the `tolerance` [m]. Once it is larger the vehicle must hover (`still`), because below
     a hover the ground cannot fall.
 
-    `fallen`: the least fall since the last check [m], from the highest ground. `drifts`: the rangefinder's value and
-    the expected value [m] after a check that failed.
+    `fallen`: by each altitude, the least fall since the last check [m], from the highest ground. `drifts`: the
+    rangefinder's value and the expected value [m] after a check that failed.
     """
 
     def __init__(self, tolerance: float) -> None:
         self.still = False
         self.drifts: tuple[float, float] | None = None
         self._tolerance = tolerance
-        self.fallen = math.inf
+        self.fallen: dict[str, float] = {}
         self._checked_s: float | None = None
         self._moved_s = 0.0  # the end of the last motion
         self._hover: tuple[Odometry, float] | None = None  # motion and height at the start of the hover
         self._crept, self._checks = 0.0, 0  # sum of the changes in all checks that passed [m], and their number
 
-    def height(self, motion: Odometry, height: float, confirmed: float) -> float:
-        """Return the height above the ground without the fall that must be checked.
+    def height(self, motion: Odometry, height: float, confirmed: Mapping[str, float]) -> float:
+        """Return the height above the ground without the fall that must be checked: the largest by any altitude.
 
-        `confirmed`: the height above the highest ground, by the altitude [m].
+        `confirmed`: the height above the highest ground, by each altitude [m].
         """
-        fall = max(0.0, height - confirmed)
-        self.fallen = min(self.fallen, fall)
+        falls = {name: max(0.0, height - above) for name, above in confirmed.items()}
+        self.fallen |= {name: min(self.fallen.get(name, fall), fall) for name, fall in falls.items()}
         self._checked_s = motion.time_s if self._checked_s is None else self._checked_s
-        lowest = height - max(0.0, fall - self.fallen - self._tolerance)
+        fall = max(falls[name] - self.fallen[name] for name in falls)
+        lowest = height - max(0.0, fall - self._tolerance)
         self.still = self.still or height - lowest > _DRIFTED_M
         if not self.still or motion.speed > _HOVER_M_S:
             self._hover, self._moved_s = None, motion.time_s
@@ -292,12 +293,13 @@ class DriftCheck:
             self._hover = motion, height
         else:
             before, was = self._hover
-            duration = min(_CHECK * math.sqrt(before.time_s - self._checked_s), _LONGEST_S)
+            since = math.inf if self.drifts else before.time_s - self._checked_s
+            duration = min(_CHECK * math.sqrt(since), _LONGEST_S)
             if motion.time_s - before.time_s >= duration:
                 self._judge(height, was, motion.climbed - before.climbed)
                 self._hover = None
                 if not self.drifts:
-                    self.fallen, self._checked_s, self.still = fall, motion.time_s, False
+                    self.fallen, self._checked_s, self.still = falls, motion.time_s, False
         return lowest
 
     def _judge(self, height: float, was: float, climbed: float) -> None:
@@ -322,10 +324,10 @@ class RangeCheck:
         self._same: tuple[float, Odometry] | None = None  # the repeated sample, and the motion at its start
         self._noted: tuple[float, float, float] | None = None  # until when, value and expected value
 
-    def begin(self, motion: Odometry, ground: float) -> None:
-        """Begin with known `ground` at the start [m above it]."""
+    def begin(self, motion: Odometry, ground: float, altitudes: Iterable[str]) -> None:
+        """Begin with known `ground` at the start [m above it]. By none of the `altitudes` has it fallen yet."""
         self._past.append((motion, ground))
-        self.drift.fallen = 0.0
+        self.drift.fallen = dict.fromkeys(altitudes, 0.0)
 
     def deviation(self, now: float) -> tuple[float, float] | None:
         """Return the rangefinder's value that contradicts the motion, and the expected value [m]; None without one."""
@@ -333,11 +335,11 @@ class RangeCheck:
             return self._noted[1:]
         return self.drift.drifts
 
-    def height(self, motion: Odometry, metres: float, sample: float, confirmed: float) -> float | None:
+    def height(self, motion: Odometry, metres: float, sample: float, confirmed: Mapping[str, float]) -> float | None:
         """Return the lowest height that may be true; None if the rangefinder is stuck.
 
         `metres`: as measured; `sample`: the rangefinder's last one; `confirmed`: the height above the highest ground,
-        by the altitude.
+        by each altitude.
         """
         if self._same is None or sample != self._same[0]:
             self._same = sample, motion
