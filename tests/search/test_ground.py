@@ -744,6 +744,23 @@ def test_an_altitude_that_is_wrong_hides_no_drift(vehicle: Vehicle, wrong: str, 
     assert height.doubt
 
 
+def test_a_drift_that_was_not_checked_yet_orders_no_flight_aside_on_the_ground(vehicle: Vehicle) -> None:
+    """It lands 0.2 m beside the place."""
+    keeper, descent = HeightKeeper(3.0, ignored), Descent((0.2, 0.0), 1.0, 40.0, 3.0)
+    above, aside, sinks, t = 3.0, 0.0, 0.0, 0.0
+    vehicle.says(0.0, pressure(0.0)).arm()
+    while not descent.done:
+        t += 0.2
+        vehicle.says(t, pressure(above), distance(round(100 * (above + min(0.02 * t, 0.8)))))
+        height = vehicle.height(t, above, sinks=sinks)
+        sinks = keeper.velocity(t, height)
+        if t >= 40:
+            aside, _, sinks = descent.velocity(t, (0.0, 0.0, -above), height)
+        above = max(0.0, above - 0.2 * sinks)
+        assert above > 0.3 or not aside
+    assert t < 60
+
+
 def test_a_check_that_failed_is_repeated_for_8_s() -> None:
     """A change that is too small for a short check."""
     check = RangeCheck(0.9)

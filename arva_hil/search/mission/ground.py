@@ -73,6 +73,8 @@ class Height(NamedTuple):
     """The sensors that have disagreed for long: the height is not known."""
     landed: bool = False
     """True if the vehicle is on the ground."""
+    unchecked: float = 0.0
+    """Part of the height [m] that may be a drift of the rangefinder."""
 
 
 class _Level:
@@ -201,9 +203,9 @@ class Ground:
             found["rangefinder", "autopilot's clearance"] = measured, clearance
         still, doubt = self._compare(now, altitudes, sigma, found)
         landed = samples.landed or self._motion.stalled > _CONTACT_M
-        return Height(
-            lowest, measured is not None, margin, self._below, still or self._range.drift.still, doubt, landed
-        )
+        drift = self._range.drift
+        unchecked = drift.followed if measured is not None else 0.0
+        return Height(lowest, measured is not None, margin, self._below, still or drift.still, doubt, landed, unchecked)
 
     def _altitudes(self, now: float, above: float, motion: Odometry, samples: HeightSamples) -> dict[str, float]:
         """Return the altitudes above the take-off point by each sensor [m]. A jump of the estimated one is left out."""
@@ -377,7 +379,7 @@ class Descent:
     that the descent begins again, twice. `speed`: the highest of the search [m/s].
 
     The vehicle descends only above the place; elsewhere it first flies there. Low above the place it stops, and then
-    only sinks.
+    only sinks. Above the place it does not fly aside where it may be lower because of a drift.
     """
 
     def __init__(
@@ -424,4 +426,6 @@ class Descent:
         fastest = _SINK if height.metres > _LAST_M else _LAST_SPEED
         level = floor if self._settled else rest
         down = max(-_SINK, min(_GAIN * (height.metres - level), fastest))
+        if above and height.metres - height.unchecked <= floor:
+            return *STILL, down
         return *towards(position, place, self._speed), down if above else min(down, 0.0)

@@ -260,15 +260,17 @@ class DriftCheck:
     A fall is followed as far as the `tolerance` [m]. Once it is larger the vehicle must hover (`still`), because below
     a hover the ground cannot fall.
 
-    `fallen`: by each altitude, the least fall since the last check [m], from the highest ground. `drifts`: the
-    rangefinder's value and the expected value [m] after a check that failed.
+    `fallen`: by each altitude, the least fall since the last check [m], from the highest ground. `followed`: the fall
+    since then that is followed [m]. `drifts`: the rangefinder's value and the expected value [m] after a check that
+    failed.
     """
 
     def __init__(self, tolerance: float) -> None:
         self.still = False
         self.drifts: tuple[float, float] | None = None
-        self._tolerance = tolerance
         self.fallen: dict[str, float] = {}
+        self.followed = 0.0
+        self._tolerance = tolerance
         self._checked_s: float | None = None
         self._moved_s = 0.0  # the end of the last motion
         self._hover: tuple[Odometry, float] | None = None  # motion and height at the start of the hover
@@ -283,7 +285,8 @@ class DriftCheck:
         self.fallen |= {name: min(self.fallen.get(name, fall), fall) for name, fall in falls.items()}
         self._checked_s = motion.time_s if self._checked_s is None else self._checked_s
         fall = max(falls[name] - self.fallen[name] for name in falls)
-        lowest = height - max(0.0, fall - self._tolerance)
+        self.followed = min(fall, self._tolerance)
+        lowest = height - (fall - self.followed)
         self.still = self.still or height - lowest > _DRIFTED_M
         if not self.still or motion.speed > _HOVER_M_S:
             self._hover, self._moved_s = None, motion.time_s
