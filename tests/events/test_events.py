@@ -427,6 +427,11 @@ SENTENCES: list[tuple[Event, str, str]] = [
     ),
     (searches.TeammateBack(1.0, 3), "info", "the place of vehicle 3 is known again"),
     (
+        searches.TransmitterFaded(1.0, 1, noise=True),
+        "warning",
+        "the flux lines of transmitter 1 point anywhere, as noise: back to the search strips",
+    ),
+    (
         searches.TransmitterFaded(1.0, 1),
         "warning",
         "transmitter 1 is not received any more: back to the search strips",

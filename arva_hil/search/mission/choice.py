@@ -258,8 +258,8 @@ _NOISE: Final = 4.0  # after about 13 readings of noise
 class HeardTransmitter:
     """The known state of one transmitter.
 
-    `agreement`: of its flux lines, each with the one before; it grows with each pair that agrees, to 4, and falls with
-    each that does not, to -4. `noise`: then no transmitter sends these readings, until the agreement is 0 again.
+    `agreement`: of its flux lines, each with the one before. It grows with each pair that agrees, to 4, and falls with
+    each that does not, to -4.
     """
 
     nearest_m: float = math.inf
@@ -267,8 +267,12 @@ class HeardTransmitter:
     last_m: float = math.inf
     last_s: float = -math.inf
     agreement: float = 0.0
-    noise: bool = False
     _compared: Observation | None = None
+
+    @property
+    def noise(self) -> bool:
+        """True if no transmitter sends such readings."""
+        return self.agreement <= -_NOISE
 
     def observe(self, o: Observation) -> None:
         """Use a reading."""
@@ -286,7 +290,6 @@ class HeardTransmitter:
             return
         more = math.cos(2 * (o.bearing - before.bearing)) - _RANDOM
         self.agreement = min(max(self.agreement + more, -_NOISE), _NOISE)
-        self.noise = self.agreement <= -_NOISE or (self.noise and self.agreement < 0)
 
 
 LONG_S: Final = 240.0  # limit for one transmitter, while others or strips are left
@@ -438,7 +441,7 @@ class Choice:
                 self._abandon()
                 self._emit(TransmitterFaded(time_s, id_of(self.target), hardly, current.noise))
         flown = self.target if self.hunting else None  # not passed by, as checked above
-        known = [id_ for id_ in ids if id_ in self.heard and not self.heard[id_].noise]
+        known = [id_ for id_ in ids if id_ in self.heard and (id_ == flown or self.heard[id_].agreement >= 0)]
         heard = {id_: self.heard[id_] for id_ in known if id_ == flown or not self._passes(id_, False)}
         for id_, (metres, since_s) in self._put_off.items():
             self._put_off[id_] = metres, since_s if id_ in ids or masked else time_s
