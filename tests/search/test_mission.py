@@ -376,6 +376,20 @@ def test_readings_that_point_anywhere_are_noise_until_they_agree(strategy: type[
     assert m.choice.hunting
 
 
+@pytest.mark.usefixtures("believed")
+def test_a_place_that_fits_few_readings_among_many_frames_is_none(strategy: type[Scripted]) -> None:
+    """As of ghost signals: above a transmitter nearly all frames have it."""
+    m = mission(strategy)
+    for now in range(101, 121):
+        heard(m, *([beacon(1, 3)] if now % 6 == 5 else []), at_s=float(now))
+    strategy.finds = Found(*AT[:2])
+    heard(m, beacon(1, 3), at_s=121.0)
+    assert (m.found, m.ended) == (None, None)
+    for now in range(122, 125):
+        heard(m, beacon(1, 3), at_s=float(now))
+    assert in_words(m.ended) == FOUND
+
+
 def test_a_search_goes_back_to_the_lane_where_it_left_it(strategy: type[Scripted]) -> None:
     plan = SearchPlan(strategy, height=1.0, area=(0.0, 0.0, 60.0, 10.0))
     m, left = Told(plan, 100.0, (0.0, 5.0, -1.0)), (20.0, 5.0, -1.0)

@@ -259,7 +259,7 @@ class HeardTransmitter:
     """The known state of one transmitter.
 
     `agreement`: of its flux lines, each with the one before. It grows with each pair that agrees, to 4, and falls with
-    each that does not, to -4.
+    each that does not, to -4: then the readings are noise.
     """
 
     nearest_m: float = math.inf
@@ -269,16 +269,11 @@ class HeardTransmitter:
     agreement: float = 0.0
     _compared: Observation | None = None
 
-    @property
-    def noise(self) -> bool:
-        """True if no transmitter sends such readings."""
-        return self.agreement <= -_NOISE
-
     def observe(self, o: Observation) -> None:
         """Use a reading."""
         self.last_m, self.last_s = o.d_m, o.time_s
-        if o.d_m < self.nearest_m:
-            self.nearest_m, self.nearest_at = o.d_m, o.position[:2]
+        if self.last_m < self.nearest_m:
+            self.nearest_m, self.nearest_at = self.last_m, o.position[:2]
         before = self._compared
         if before is not None and 0 <= o.time_s - before.time_s < _PAIR_S[0]:
             return
@@ -437,9 +432,10 @@ class Choice:
             deaf = time_s - current.last_s > _DEAF_S
             if hardly or (deaf and current.nearest_m > _CLOSER * self._from_m):
                 self._put_off[self.target] = current.nearest_m, time_s
-            if hardly or deaf or current.noise:
+            noise = current.agreement <= -_NOISE
+            if hardly or deaf or noise:
                 self._abandon()
-                self._emit(TransmitterFaded(time_s, id_of(self.target), hardly, current.noise))
+                self._emit(TransmitterFaded(time_s, id_of(self.target), hardly, noise))
         flown = self.target if self.hunting else None  # not passed by, as checked above
         known = [id_ for id_ in ids if id_ in self.heard and (id_ == flown or self.heard[id_].agreement >= 0)]
         heard = {id_: self.heard[id_] for id_ in known if id_ == flown or not self._passes(id_, False)}
@@ -478,6 +474,12 @@ class Choice:
         """Leave the present transmitter, and fly to none."""
         self.target = None
         self._abandon()
+
+    @property
+    def hardly(self) -> bool:
+        """True if too few frames have the transmitter for a place that its few readings fit."""
+        _, frames, often, _ = self._block
+        return frames >= _HARDLY_S / 4 and often < _OFTEN * frames
 
     def _hardly_heard(self, current: HeardTransmitter, now: bool, time_s: float) -> bool:
         """Return True if few frames had the transmitter for a while, and its distance did not shrink.

@@ -383,7 +383,7 @@ class Mission:
             self.reports.emit(TransmitterMoves(time_s, target, speed_of(answer.track), north, east))
             self._go_on(position)
             return
-        if answer.found is not None:
+        if answer.found is not None and not self.choice.hardly:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self._reached = answer
