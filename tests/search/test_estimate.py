@@ -103,6 +103,20 @@ def test_a_position_that_drifts_is_averaged_above_the_transmitter() -> None:
     assert result.hover_m < 1.0
 
 
+def test_it_reports_a_place_from_above_it_where_the_newest_readings_show_it() -> None:
+    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.3, seed=3)
+    newest = flight.heard[-1].position
+    assert math.dist(newest[:2], flight.found.goal) < 0.3
+    assert flight.found.now != flight.found[:2]
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_position_that_wanders_within_seconds_is_searched_by_its_mean(seed: int) -> None:
+    flight = fly_to_buried(seed, Estimate(1.0), gps_m=1.0, seed=seed)
+    assert flight.error_m < 1.5
+    assert (sigma_of(flight.found.now_covariance) or 0.0) > 0.5
+
+
 def test_readings_of_another_transmitter_with_its_id_do_not_lead_astray() -> None:
     transmitter, start = buried(2)
     r = random.Random(2)
@@ -241,7 +255,7 @@ def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sigma_m", "tau_s", "most_m"), [(0.0, 600, 0.1), (1.0, 600, 0.3), (2.0, 600, 0.6), (1.0, 20, 1.3)]
+    ("sigma_m", "tau_s", "most_m"), [(0.0, 600, 0.1), (1.0, 600, 0.3), (2.0, 600, 0.6), (1.0, 20, 1.3), (1.0, 5, 2.2)]
 )
 def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed(
     sigma_m: float, tau_s: float, most_m: float
@@ -432,7 +446,7 @@ def test_a_place_agrees_though_what_was_heard_far_from_it_was_noise() -> None:
 
 
 NEAR = PAPER[1]  # 10 m away: the vehicle is above it within 30 s
-ENDS_S = 30 + 240 + 10
+ENDS_S = 30 + 240 + 20 + 10
 
 
 class Wavering(Evidence):

@@ -572,32 +572,6 @@ def test_it_ends_above_the_place_found_wherever_that_was_found_from(m: Told, str
 
 
 @pytest.mark.usefixtures("believed")
-def test_it_flies_where_the_newest_readings_show_the_place_and_hears_one_above_it(strategy: type[Scripted]) -> None:
-    class Follows(strategy):  # type: ignore[misc,valid-type]
-        def update(self, observation: Observation) -> None:
-            self.finds = Found(3.0, 4.0, now=observation.position[:2], now_covariance=(0.01, 0.0, 0.01))
-
-    strategy.finds = Found(3.0, 4.0, now=(3.0, 0.0))
-    m = mission(Follows)
-    assert heard(m, beacon(1, 5), at_s=101.0, position=(0.0, 0.0, -1.0)) == (1.0, 0.0)
-    assert heard(m, beacon(1, 6), at_s=102.0, position=(0.0, 2.0, -1.0)) == STILL
-    assert (in_words(m.ended), m.found) == ("", Found(3.0, 4.0, now=(0.0, 2.0), now_covariance=(0.01, 0.0, 0.01)))
-    heard(m, beacon(1, 7), at_s=103.0, position=(0.1, 2.0, -1.0))
-    assert (in_words(m.ended), m.found and m.found.goal) == (FOUND, (0.1, 2.0))
-
-
-@pytest.mark.usefixtures("believed")
-def test_it_waits_two_seconds_at_most_for_a_reading_above_the_place(strategy: type[Scripted]) -> None:
-    strategy.finds = Found(*AT[:2], now=AT[:2])
-    m = mission(strategy)
-    heard(m, beacon(1, 5), at_s=101.0)
-    assert m.fly(102.9, AT)[:2] == STILL
-    assert in_words(m.ended) == ""
-    m.fly(103.1, AT)
-    assert in_words(m.ended) == FOUND
-
-
-@pytest.mark.usefixtures("believed")
 def test_a_place_found_that_is_not_reached_ends_at_the_limit(strategy: type[Scripted]) -> None:
     m = mission(strategy, limit_s=10)
     strategy.finds = Found(30.0, 40.0)

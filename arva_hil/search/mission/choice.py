@@ -506,7 +506,6 @@ NOT_THERE: Final = "they do not, and the transmitter was visited again before"
 
 _MANY: Final = 0.7  # of the newest readings: they contradict the place
 _AGAIN: Final = 2  # visits of a doubted transmitter
-_ABOVE_S: Final = 2.0  # wait for a reading above the place
 _SAME_M: Final = 1.0  # a place found twice within this distance is right
 
 
@@ -514,7 +513,6 @@ class LastLook:
     """Remembers the places that were doubted. `choice`: the transmitter that is flown to."""
 
     def __init__(self, choice: Choice, emit: Callable[[Event], None]) -> None:
-        self._above_s: float | None = None  # when it arrived
         self._choice = choice
         self._emit = emit
         self._doubted: list[tuple[float, float]] = []
@@ -526,9 +524,8 @@ class LastLook:
         """
         id_ = self._choice.target
         contradicting = self._choice.guidance.contradictions(time_s)
-        if not last and (contradicting is None or self._waits(found, time_s)):
+        if not last and contradicting is None:
             return LISTEN
-        self._above_s = None
         if contradicting is None:
             return AGREES
         if id_ is None or sum(contradicting) <= _MANY * len(contradicting):
@@ -541,13 +538,3 @@ class LastLook:
         self._emit(PlaceDoubted(time_s, id_of(id_), found.north, found.east))
         self._choice.forget(id_)
         return LOOK_AGAIN
-
-    def _waits(self, found: Found, time_s: float) -> bool:
-        """Return True before the first reading above a place that changes, for a short time."""
-        if found.now is None:
-            return False
-        if self._above_s is None:
-            self._above_s = time_s
-        heard = self._choice.heard.get(self._choice.target) if self._choice.target is not None else None
-        new = heard is not None and heard.last_s > self._above_s
-        return not new and time_s - self._above_s < _ABOVE_S

@@ -162,8 +162,6 @@ class Mission:
                 guidance.observe(every[target], self._keeper.wanted)
             elif self.choice.hunting and target is not None and not masked and not repeats(target):
                 guidance.observe(Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted)
-        elif self._reached and not self.ended and self.choice.target in heard:
-            guidance.observe(every[self.choice.target], self._keeper.wanted)
         self._use(guidance.exchange(time_s), time_s, position)
 
     def fly(
@@ -373,8 +371,6 @@ class Mission:
         if answer.failed:
             self._end(because(Why.STRATEGY_FAILED, text=answer.failed))
             return
-        if self._reached and self._reached.found and answer.found:
-            self._reached = self._reached._replace(found=answer.found)
         if (target := self.choice.target) is None or self._reached:
             return
         if answer.track and target != NO_ID:

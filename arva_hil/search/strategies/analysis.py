@@ -136,7 +136,6 @@ class Analysis:
         """Give the strategy a reading. `height_m`: the height wanted."""
         strategy = self._strategy
         if strategy is None or self._finished:
-            self._update(o)
             return
         if self._unheard:
             self._unheard.append(o)
@@ -169,16 +168,6 @@ class Analysis:
     def _observe(self, o: Observation) -> None:
         strategy: Any = self._strategy
         (strategy.hear if hasattr(strategy, "hear") else strategy.observe)(o)  # `hear`: the old name of `observe`
-
-    def _update(self, o: Observation) -> None:
-        """Give the strategy a reading on the way to the place found."""
-        found, update = self._answer.found, getattr(self._strategy, "update", None)
-        if self._strategy is None or found is None or update is None:
-            return
-        update(o)
-        if newest := checked_found(self._strategy.found):
-            found = found._replace(now=newest.now, now_covariance=newest.now_covariance)
-            self._answer = self._answer._replace(found=found)
 
     def _replay(self, most: int) -> None:
         for _ in range(min(most, len(self._unheard))):

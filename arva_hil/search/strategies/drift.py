@@ -30,7 +30,7 @@ _ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a pl
     *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
     *((sigma_m, 600.0, white_m) for sigma_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
     *((sigma_m, 100.0, 0.1) for sigma_m in (0.3, 1.0)),
-    *((sigma_m, 20.0, 0.1) for sigma_m in (0.3, 1.0, 2.0)),
+    *((sigma_m, tau_s, 0.1) for sigma_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
 )
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
 _DISCOUNT: Final = 2.0  # divides the evidence of the readings: their errors are less independent than in the fit

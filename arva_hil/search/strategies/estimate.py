@@ -20,7 +20,7 @@ from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
 from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again, place_now
 from .history import NOTHING, Explanation, Track
-from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
+from .strategy import STILL, Belief, Found, Observation, Position, Velocity, sigma_of, towards
 
 _STEP_M: Final = 0.48  # keep a reading after this distance
 _STEP_S: Final = 0.2  # keep readings no closer in time
@@ -54,7 +54,11 @@ _LIKELY: Final = 3.0  # accept a drift at the end if it is more likely by e^3
 _LIKELIER: Final = 6.0  # accept any cause by e^6 if the place is doubtful
 _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
+_ABOVE_M: Final = 0.3
+_KNOWN_M: Final = 0.35  # sigma of the place below the vehicle
+_PATIENCE_S: Final = 90.0  # report it with a larger sigma after this time above it
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
+_REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
@@ -160,10 +164,11 @@ class Hypotheses:
 
     @property
     def sure(self) -> bool:
-        """True if the covariance is small."""
-        sigma = _SURE_M + _DRIFT * self.cause.drift_m
+        """True if the covariance is small, and the readings agree or are many."""
+        misfit = self.pose_error >= _MISFIT_M
+        sigma = _SURE_M + _DRIFT * (self.pose_error if misfit else self.cause.drift_m)
         near = len(self.x) > 0 and np.linalg.eigvalsh(self.covariance)[1] < sigma**2
-        return bool(near) and self.pose_error < _MISFIT_M
+        return bool(near) and (not misfit or len(self.readings.said) == dipole.MOST)
 
     @property
     def place(self) -> tuple[float, float]:
@@ -175,12 +180,14 @@ class Hypotheses:
 class Course:
     """Remembers the heading, and the turns of the spiral that is flown for more readings.
 
-    `strongest`: the strongest reading. `goal`: north, east [m]; None before the first reading.
+    `strongest`: the strongest reading. `goal`: north, east [m]; None before the first reading. `newest_s`: time of the
+    newest reading since the first signal.
     """
 
     def __init__(self) -> None:
         self.strongest: Observation | None = None
         self.goal: tuple[float, float] | None = None
+        self.newest_s = -math.inf
         self._heading = np.zeros(2)
         self._silent = self._turns = 0
 
@@ -188,6 +195,8 @@ class Course:
         """Add a reading."""
         if o.heard and (self.strongest is None or o.d_cm < self.strongest.d_cm):
             self.strongest = o
+        if self.strongest:
+            self.newest_s = o.time_s
 
     def steer(self, o: Observation, strongest: Observation, dipoles: Hypotheses) -> None:
         """Fly to the hypotheses; without a signal to the best place, and there in a spiral."""
@@ -224,11 +233,11 @@ class Estimate:
         self._dipoles = Hypotheses(self._evidence)
         self._unexplained = 0  # readings since causes were compared
         self._circle: Circle | None = None
+        self._candidate: Found | None = None  # it flies above this place before it reports it
         self._listens_s = math.inf  # start of the circle with this cause
         self._doubtful_s = math.inf  # start of the disagreement of readings and place
         self._above_s = math.inf  # start of the first hover above a place
         self._course = Course()
-        self._last_s = -math.inf
 
     @property
     def found(self) -> Found | None:
@@ -252,14 +261,16 @@ class Estimate:
         if self._found or not o.finite:
             return
         self._evidence.add(o)
+        if self._candidate:
+            self._come_above(self._candidate, o)
+            return
         step_s = _DRIFTING_S if self._dipoles.drifts else max(_STEP_S, _STEP_M / self._speed)
-        if 0 <= o.time_s - self._last_s < step_s:
+        if 0 <= o.time_s - self._course.newest_s < step_s:
             return
         self._course.add(o)
         strongest = self._course.strongest
         if strongest is None:
             return
-        self._last_s = o.time_s
         self._dipoles.age += 1
         at, rotation = self._evidence.at(o.time_s - o.age_s - self._dipoles.cause.lag_s)
         for measured in o.measurements:
@@ -278,11 +289,17 @@ class Estimate:
         self._listen(o)
         self._course.steer(o, strongest, self._dipoles)
 
-    def update(self, observation: Observation) -> None:
-        """Use a reading on the way to the place found: where it is in the frame reported now."""
-        if self._found and observation.finite:
-            self._evidence.add(observation)
-            self._found = self._dipoles.now(self._found, observation.time_s)
+    def _come_above(self, candidate: Found, o: Observation) -> None:
+        """Fly above the place before it is reported, and circle once more while it is uncertain."""
+        self._candidate = candidate = self._dipoles.now(candidate, o.time_s)
+        self._course.goal, after_s = candidate.goal, o.time_s - self._above_s
+        if math.dist(o.position[:2], candidate.goal) > _ABOVE_M and after_s < _LONGEST_S + _REACH_S:
+            return
+        self._candidate = None
+        if after_s > _PATIENCE_S or (sigma_of(candidate.now_covariance) or 0.0) < _KNOWN_M:
+            self._found = candidate
+        else:
+            self._circle = Circle(candidate.goal, o.position)
 
     def _listen(self, o: Observation) -> None:
         """Circle about the place before it is reported. Causes may change, but the circle ends in bounded time."""
@@ -290,7 +307,7 @@ class Estimate:
         if near:
             self._above_s = min(self._above_s, o.time_s)
         if o.time_s - self._doubtful_s > _DOUBTFUL_S or o.time_s - self._above_s > _LONGEST_S:
-            self._found = self._dipoles.found(o.time_s)
+            self._candidate = self._dipoles.found(o.time_s)
         elif self._circle is None:
             if near:
                 self._doubt(o)
@@ -304,8 +321,8 @@ class Estimate:
         elif self._circle.done and self._heard_enough(o.time_s - self._listens_s):
             self._doubt(o)
             if self._certain(o):
-                self._found = self._dipoles.found(o.time_s)
-        if self._found:
+                self._candidate = self._dipoles.found(o.time_s)
+        if self._candidate:
             self._circle = None
         elif self._circle:
             self._circle.observe(self._dipoles.place)

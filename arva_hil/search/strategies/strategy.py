@@ -120,8 +120,7 @@ class Belief(NamedTuple):
 class Strategy(Protocol):
     """A search for one transmitter. It is created with the highest speed [m/s].
 
-    It may have a method `update`, like `observe`: it gets the readings on the way to the place found, and may change
-    `found.now`. Positions are north, east, down [m] from the take-off point; velocities are north, east [m/s].
+    Positions are north, east, down [m] from the take-off point; velocities are north, east [m/s].
     """
 
     def __init__(self, speed: float) -> None: ...
