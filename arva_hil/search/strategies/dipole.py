@@ -47,6 +47,7 @@ SETTLED: Final = 0.01  # stop after two rounds in a row that reduce a cost by le
 
 MOST: Final = 64  # readings
 _NEAREST: Final = 0.1  # m
+_EQUAL: Final = 1e-9  # smaller differences are rounding, which differs between processors
 
 
 # The arguments of `DipoleReadings.add`.
@@ -216,7 +217,7 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
     tail = 1 + squared / TAIL
     loss = TAIL * np.log(tail)
     tail[:, :2], loss[:, :2] = 1, squared[:, :2]  # the prior is no outlier
-    used = o.told | (o.limit & (e > 0))
+    used = o.told | (o.limit & (e > _EQUAL))
     weight = used / (total * tail)
     cost = 0.5 * (np.add.reduce(used * loss + o.told * np.log(total), axis=1) + _YAW * x[:, 6] ** 2)
     weighted = j * weight[:, None]
@@ -236,7 +237,7 @@ def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, round
         damped = now.information * (1 + damping[:, None, None] * _ONE)
         new = evaluate(now.x - np.linalg.solve(damped, now.gradient[:, :, None])[:, :, 0], o, pose_error)
         more = _YAW * (new.x[:, 6] ** 2 - now.x[:, 6] ** 2)
-        better = np.add.reduce(now.weight * (new.error**2 - now.error**2), axis=1) + more < 0
+        better = np.add.reduce(now.weight * (new.error**2 - now.error**2), axis=1) + more < -_EQUAL
         damping = np.clip(np.where(better, damping / 8, damping * 8), 1e-4, 1e4)
         settled = settled + 1 if (now.cost - new.cost).max() < SETTLED else 0
         now = the_better(now, new, better)
