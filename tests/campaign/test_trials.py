@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import pickle
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing
@@ -94,6 +95,27 @@ def test_numpy_has_one_thread_in_each_process_and_what_it_has_here(monkeypatch: 
         assert [result.outcome for result in flown(crew, threads, EVERY[:1]).values()] == ["1,1,1"]
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.slow
+def test_two_kernels_of_blas_give_the_same_rows() -> None:
+    """Elsewhere than on x86 processors there is one kernel, and nothing differs."""
+    code = """
+from arva_hil.campaign.plan import trials
+from arva_hil.campaign.results import row
+from arva_hil.campaign.trial import fly
+from arva_hil.config.campaign import parse_plan
+text = "{spec: 1, strategies: [estimate], scenarios: [{random: {within_m: 50}}], seeds: [7, 406, 505]}"
+for planned in trials(parse_plan(text, "plan")): print(row(planned, fly(planned.trial)))
+"""
+    kernels = {"OPENBLAS_CORETYPE": "Haswell"}, {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "AVX2"}
+    running = [
+        subprocess.Popen([sys.executable, "-c", code], env=os.environ | kernel, stdout=subprocess.PIPE, text=True)
+        for kernel in kernels
+    ]
+    one, other = (process.communicate(timeout=120)[0] for process in running)
+    assert one == other
+    assert one.count("outcome='found'") == 3
 
 
 # A cluster
