@@ -428,7 +428,8 @@ class Choice:
                 self.leave()
         current = self.heard.get(self.target) if self.target is not None else None
         if self.target is not None and current is not None and self.hunting:
-            hardly = not masked and self._hardly_heard(current, self.target in ids, time_s)
+            now = self.target in ids
+            hardly = (now or not masked) and self._hardly_heard(current, now, time_s)
             deaf = time_s - current.last_s > _DEAF_S
             if hardly or (deaf and current.nearest_m > _CLOSER * self._from_m):
                 self._put_off[self.target] = current.nearest_m, time_s
