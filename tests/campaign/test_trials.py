@@ -108,7 +108,8 @@ from arva_hil.config.campaign import parse_plan
 text = "{spec: 1, strategies: [estimate], scenarios: [{random: {within_m: 50}}], seeds: [7, 406, 505]}"
 for planned in trials(parse_plan(text, "plan")): print(row(planned, fly(planned.trial)))
 """
-    kernels = {"OPENBLAS_CORETYPE": "Haswell"}, {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "AVX2"}
+    without = "AVX2 AVX512_SKX X86_V3 X86_V4"  # names of older and of newer numpy
+    kernels = {"OPENBLAS_CORETYPE": "Haswell"}, {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": without}
     running = [
         subprocess.Popen([sys.executable, "-c", code], env=os.environ | kernel, stdout=subprocess.PIPE, text=True)
         for kernel in kernels
