@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -23,7 +24,7 @@ _STYLE: Final = {
     "xtick.color": GREY,
     "ytick.color": GREY,
 }
-_SIZE: Final = (6.2, 3.9)
+_SIZE: Final = (5.2, 3.3)
 _BANDS: Final = 6  # bands of a number with many values, with as many runs in each
 _VALUES: Final = 12  # draw at most this many values one by one
 _NUMBERS: Final = {
@@ -79,7 +80,7 @@ def _success(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
         rates, *arms = zip(*(_rate(mine, success_m) for mine in each if mine), strict=True)
         axes.errorbar(rates, at, xerr=arms, fmt="o", ms=5, lw=2, color=colour, label=strategy)
     axes.set(xlim=(-2, 102), xlabel="success, %", ylim=(len(lines) - 0.5, -0.5))
-    axes.set_yticks(range(len(lines)), list(lines))
+    axes.set_yticks(range(len(lines)), [textwrap.fill(line, 20) for line in lines])
     axes.grid(visible=False, axis="y")
 
 

@@ -144,7 +144,7 @@ def _of_places(errors: Errors) -> tuple[str, ...]:
     return (
         _pair(errors.error_m, ".2f"),
         _pair(errors.sigma_m, ".2f"),
-        "–" if errors.inside is None else " / ".join(f"{100 * share:.0f} %" for share in errors.inside),
+        "–" if errors.inside is None else " / ".join(f"{100 * share:.0f}" for share in errors.inside) + " %",
         f"{errors.false[0]} / {errors.false[1]}",
     )
 
