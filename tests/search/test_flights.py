@@ -252,7 +252,7 @@ def test_where_nobody_sends_a_loud_drone_receives_no_signal(ghosts: float) -> No
 
 
 def test_a_dead_antenna_is_noticed_and_the_transmitter_found() -> None:
-    one = flown("estimate", 69, most=3)
+    one = flown("estimate", 126, most=3)
     assert "antenna_y=0" in one.faults
     assert one.kind == "found"
     assert one.error_m < 0.5
