@@ -97,7 +97,6 @@ def test_numpy_has_one_thread_in_each_process_and_what_it_has_here(monkeypatch: 
     assert "MKL_NUM_THREADS" not in os.environ
 
 
-@pytest.mark.slow
 def test_two_kernels_of_blas_give_the_same_rows() -> None:
     """Elsewhere than on x86 processors there is one kernel, and nothing differs."""
     code = """
