@@ -453,7 +453,7 @@ def test_at_every_time_there_is_what_there_was_in_any_order(flown: Path) -> None
     recording = load(flown)
     state = RecordedState(recording)
     (receiver,) = recording.receivers
-    for time_s in (12.0, 20.5, 3.0, 40.0, 0.0, 12.0):
+    for time_s in (12.0, 20.5, 3.0, 45.0, 0.0, 12.0):
         document = shown_at(state, time_s)
         points = document["receivers"][0]["points"]
         assert document["receivers"][0]["frames"] == len(points) == int(time_s) + 1
@@ -463,7 +463,7 @@ def test_at_every_time_there_is_what_there_was_in_any_order(flown: Path) -> None
         if i:
             assert points[-1][1:4] == pytest.approx(place, abs=0.001)
         assert all(event[0] <= time_s for event in document["events"])
-        assert bool(document["search"] and document["search"]["found"]) == (time_s == 40.0)
+        assert bool(document["search"] and document["search"]["found"]) == (time_s == 45.0)
     assert shown_at(state, 9.0)["receivers"][0]["faults"] == ["drop"]
     assert shown_at(state, 12.0)["receivers"][0]["faults"] == []
     assert len(shown_at(state, 8.0)["search"]["hypotheses"]) >= 1

@@ -261,11 +261,12 @@ class Estimate:
         if self._found or not o.finite:
             return
         self._evidence.add(o)
-        if self._candidate:
-            self._come_above(self._candidate, o)
-            return
         step_s = _DRIFTING_S if self._dipoles.drifts else max(_STEP_S, _STEP_M / self._speed)
-        if 0 <= o.time_s - self._course.newest_s < step_s:
+        if 0 <= o.time_s - self._course.newest_s < (_STEP_S if self._candidate else step_s):
+            return
+        if self._candidate:
+            self._course.newest_s = o.time_s
+            self._come_above(self._candidate, o)
             return
         self._course.add(o)
         strongest = self._course.strongest
@@ -300,6 +301,7 @@ class Estimate:
             self._found = candidate
         else:
             self._circle = Circle(candidate.goal, o.position)
+            self._course.newest_s = -math.inf  # use the next reading
 
     def _listen(self, o: Observation) -> None:
         """Circle about the place before it is reported. Causes may change, but the circle ends in bounded time."""
