@@ -111,7 +111,7 @@ def test_it_reports_a_place_from_above_it_where_the_newest_readings_show_it() ->
 
 
 def test_a_position_that_wanders_within_seconds_is_searched_by_its_mean() -> None:
-    flight = fly_to_buried(5, Estimate(1.0), gps_m=1.0, seed=5)
+    flight = fly_to_buried(5, Estimate(1.0), gps_m=1.0, seed=5, rate_hz=0.3)
     assert flight.error_m < 1.5
     assert (sigma_of(flight.found.now_covariance) or 0.0) > 0.5
 
