@@ -428,8 +428,8 @@ class Choice:
                 self.leave()
         current = self.heard.get(self.target) if self.target is not None else None
         if self.target is not None and current is not None and self.hunting:
-            now = self.target in ids
-            hardly = (now or not masked) and self._hardly_heard(current, now, time_s)
+            there = self.target in ids
+            hardly = (there or not masked) and self._hardly_heard(current, there, time_s)
             deaf = time_s - current.last_s > _DEAF_S
             if hardly or (deaf and current.nearest_m > _CLOSER * self._from_m):
                 self._put_off[self.target] = current.nearest_m, time_s
@@ -525,10 +525,8 @@ class LastLook:
         """
         id_ = self._choice.target
         contradicting = self._choice.guidance.contradictions(time_s)
-        if not last and contradicting is None:
-            return LISTEN
         if contradicting is None:
-            return AGREES
+            return AGREES if last else LISTEN
         if id_ is None or sum(contradicting) <= _MANY * len(contradicting):
             return LISTEN if any(contradicting[-1:]) and not last else AGREES
         if any(math.dist(found[:2], place) < _SAME_M for place in self._doubted):

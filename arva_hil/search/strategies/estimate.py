@@ -54,11 +54,11 @@ _LIKELY: Final = 3.0  # accept a drift at the end if it is more likely by e^3
 _LIKELIER: Final = 6.0  # accept any cause by e^6 if the place is doubtful
 _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
-_ABOVE_M: Final = 0.3
-_KNOWN_M: Final = 0.35  # sigma of the place below the vehicle
-_PATIENCE_S: Final = 90.0  # report it with a larger sigma after this time above it
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
+_ABOVE_M: Final = 0.3  # above the place within this distance
+_KNOWN_M: Final = 0.35  # sigma of the place below the vehicle
+_PATIENCE_S: Final = 90.0  # after the first hover: report the place below with a larger sigma
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
@@ -297,7 +297,7 @@ class Estimate:
         if math.dist(o.position[:2], candidate.goal) > _ABOVE_M and after_s < _LONGEST_S + _REACH_S:
             return
         self._candidate = None
-        if after_s > _PATIENCE_S or (sigma_of(candidate.now_covariance) or 0.0) < _KNOWN_M:
+        if after_s > _PATIENCE_S or (sigma_of(candidate.now_covariance) or math.inf) < _KNOWN_M:
             self._found = candidate
         else:
             self._circle = Circle(candidate.goal, o.position)
