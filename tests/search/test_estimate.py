@@ -495,6 +495,28 @@ def test_though_it_never_comes_above_a_place_again() -> None:
     assert flight.time_s < ENDS_S
 
 
+# A receiver shows its last values until the next pulse: what it shows again on the way is no reading
+
+
+def test_values_shown_again_on_the_way_are_no_reading() -> None:
+    evidence = Evidence()
+    on_its_way = [frame(0.5 * k, 900 - 10 * (k // 3), north=0.5 * k) for k in range(12)]
+    assert [evidence.add(one) for one in on_its_way] == [True, False, False] * 4
+    assert evidence.readings().said.shape == (1 + 4,)
+    still = [frame(6.0 + 0.6 * k, 500, north=6.0) for k in range(6)]
+    assert all(evidence.add(one) for one in still)
+    assert evidence.readings().said.shape == (1 + 4 + 3,)
+    assert evidence.add(frame(9.1, 500, north=6.3))
+    assert all(evidence.add(frame(10.0 + k, -1, -1, north=7.0 + k)) for k in range(3))
+
+
+def test_a_receiver_that_shows_strengths_alone_until_the_next_pulse_leads_to_the_place() -> None:
+    scenario = replace(draw(Random(50.0, (0.0, 2.0), model="rssi", keying="modern"), 14138), seed=14138)
+    result = trial.fly(trial.Trial("estimate", scenario))
+    assert result.outcome == "found"
+    assert result.error_m < 0.1
+
+
 # What was read before the transmitter moved, and while an antenna was dead, does not spoil the place that is told
 
 

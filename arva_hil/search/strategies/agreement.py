@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from arva_hil.search.strategies import dipole
 from arva_hil.search.strategies.history import OUTLIERS, ROUGH_M, ROUGHLY, Explanation, History
-from arva_hil.search.strategies.strategy import Observation
+from arva_hil.search.strategies.strategy import Observation, Position
 
 _STEP_M: Final = 0.4  # keep a reading after this distance
 _STEP_S: Final = 1.0  # or after this time
+_AGAIN: Final = (0.2, 1.5)  # m, s: an equal reading beyond this distance, within this time, is the last one shown again
 _DOWN_M: Final = 0.5  # depth of the initial dipoles below the ground
 _TURNS: Final = 3  # directions of their moments: level ones within half a turn, and down; m and −m give equal readings
 _NEAR_M: Final = 2.5  # a dipole within this distance is at the place
@@ -71,16 +72,28 @@ class Evidence(History):
         self._at = (math.inf, math.inf)
         self._time_s = -math.inf
         self._there: Explanation | None = None  # of the place judged last
+        self._shown: tuple[object, ...] = ()  # the newest values, and where and when they were shown first
+        self._first: tuple[Position, float] = (0.0, 0.0, 0.0), 0.0
 
-    def add(self, o: Observation) -> None:
-        """Add a reading, unless it is from the same place as the last one."""
+    def add(self, o: Observation) -> bool:
+        """Add a reading, unless it is from the same place as the last one.
+
+        Return False if it is no reading: a receiver on its way shows its last one again.
+        """
         if not o.finite:
-            return
+            return False
         self.pose(o)
+        shown = o.d_cm, o.delta_deg, o.inner, o.signal
+        if shown != self._shown:
+            self._shown, self._first = shown, (o.position, o.time_s)
+        at, time_s = self._first
+        if o.d_cm > 0 and math.dist(o.position, at) > _AGAIN[0] and o.time_s - time_s < _AGAIN[1]:
+            return False
         same = math.dist(self._at, o.position[:2]) < _STEP_M and 0 <= o.time_s - self._time_s < _STEP_S
         if o.heard and not same:
             self._at, self._time_s = o.position[:2], o.time_s
             self.read(o)
+        return True
 
     def judge(self, place: tuple[float, float]) -> Judgement | None:
         """Judge a transmitter at `place` (north, east); None without a reading near it."""

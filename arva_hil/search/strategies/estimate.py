@@ -258,9 +258,8 @@ class Estimate:
 
     def observe(self, observation: Observation) -> None:
         o = observation
-        if self._found or not o.finite:
+        if self._found or not self._evidence.add(o):
             return
-        self._evidence.add(o)
         step_s = _DRIFTING_S if self._dipoles.drifts else max(_STEP_S, _STEP_M / self._speed)
         if 0 <= o.time_s - self._course.newest_s < (_STEP_S if self._candidate else step_s):
             return
