@@ -33,7 +33,7 @@ from arva_hil.search.strategies import dipole, estimate
 from arva_hil.search.strategies.agreement import Evidence, beginning
 from arva_hil.search.strategies.circle import RADIUS_M, Circle
 from arva_hil.search.strategies.dipole import Array
-from arva_hil.search.strategies.drift import DriftFit, fitted, fitted_again, place_now
+from arva_hil.search.strategies.drift import DriftFit, fitted, fitted_again, fitted_beside, place_now
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.flux import Flux
@@ -265,12 +265,25 @@ def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed
         for k, error in enumerate(drift):
             at = np.array([(8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k), -3.0])
             readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
-        place, covariance = place_now(np.array([*(PLACE + drift.mean(axis=0)), *MOMENT, 0.0]), readings, (), 0.0)
+        place, covariance = place_now(np.array([[*(PLACE + drift.mean(axis=0)), *MOMENT, 0.0]]), readings, (), 0.0)
         sigma = sigma_of(covariance) or 0.0
         shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / sigma)
         assert sigma < most_m
     assert max(shares) < 3.0
     assert np.median(shares) < 1.5
+
+
+@pytest.mark.parametrize(("seed", "off"), [(4, (4, 0, 0)), (5, (0, 4, 0)), (10, (4, 0, 0)), (11, (0, 4, 0))])
+def test_a_fit_that_has_followed_a_wrong_drift_does_not_keep_the_place(seed: int, off: tuple[int, int, int]) -> None:
+    readings, drift = dipole.DipoleReadings(), walk(seed, 2.0, 40)
+    for k, error in enumerate(drift):
+        at = np.array([1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k), -3.0])
+        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+    beside = np.array([[*(PLACE + off + drift.mean(axis=0)), *MOMENT, 0.0]])
+    (wrong,) = fitted(beside, readings, 0.1, 3.0, 20)
+    place, _ = place_now(wrong.x[None], readings, [wrong], 0.0)
+    assert math.dist(place, (PLACE + drift[-1])[:2]) < 1.5
+    assert min(one.cost for one in fitted_beside(wrong.x, readings, 3.0)) < wrong.cost
 
 
 def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:

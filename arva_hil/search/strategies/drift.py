@@ -25,7 +25,7 @@ _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _FARTHEST_M: Final = 2.0  # longest step
 _SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
 _ROUNDS: Final = 4
-_FEW, _APART_M = 4, 0.2  # hypotheses
+_FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses
 _ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a place [m]
     *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
     *((sigma_m, 600.0, white_m) for sigma_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
@@ -138,16 +138,18 @@ def _settled(x: Array, drift: Array, one: _Linear, newest: Array, drift_m: float
 def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings, drift_m: float) -> list[DriftFit]:
     """Return hypotheses (K, 7) fitted to more readings, best first; without the unlikely and equal ones.
 
-    The first of them are those of the fits `before`, and begin with their drifts.
+    The first of them are those of the fits `before`, and begin with their drifts; the best one begins also without.
     """
-    every = sorted(fitted(x[:_FEW], o, WHITE_M, drift_m, _ROUNDS, before[:_FEW]), key=lambda fit: fit.cost)
-    kept: list[DriftFit] = []
-    for one in every:
-        if one.cost - every[0].cost < dipole.FORGET and all(
-            math.dist(one.x[:3], other.x[:3]) > _APART_M for other in kept
-        ):
-            kept.append(one)
-    return kept
+    followed = min(len(before), _FEW - 1)
+    every = _apart(fitted(np.concatenate([x[:followed], x[:1]]), o, WHITE_M, drift_m, _ROUNDS, before[:followed]))
+    return [one for one in every if one.cost - every[0].cost < dipole.FORGET]
+
+
+def fitted_beside(x: Array, o: dipole.DipoleReadings, drift_m: float) -> list[DriftFit]:
+    """Return fits that begin at a hypothesis (7,) and on all sides of it, without a drift."""
+    beside = x[None].repeat(5, axis=0)
+    beside[1:, :2] += _BESIDE_M * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
+    return fitted(beside, o, WHITE_M, drift_m, 2 * _ROUNDS)
 
 
 def place_now(
@@ -155,23 +157,41 @@ def place_now(
 ) -> tuple[tuple[float, float], Covariance]:
     """Return the place of a transmitter in the frame reported now, north and east, and its covariance.
 
-    `x`: the hypothesis (7,) near it. `near`, `ahead_s`: as in `fitted`. Drifts of all speeds and sizes count by their
-    likelihood: that of the part of the readings that the hypothesis cannot follow.
+    `x`: hypotheses (K, 7), the best first. `near`, `ahead_s`: as in `fitted`; the best one begins also without its
+    drift. Drifts of all speeds and sizes count by their likelihood: that of the part of the readings that a hypothesis
+    cannot follow.
     """
+    few = _far_apart(x[:, :3])[: _FEW - 1]
+    begin, followed = np.concatenate([x[few], x[: len(near[:1])]]), [near[i] for i in few if i < len(near)]
     every = [
-        fitted(x[None], o, white_m, drift_m, 2 * _ROUNDS, near, (tau_s, _AT_ONCE_S), ahead_s)[0]
+        (one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1], one.now[:2], one.now_covariance[:2, :2], white_m)
         for drift_m, tau_s, white_m in _ANY
+        for one in _apart(fitted(begin, o, white_m, drift_m, 2 * _ROUNDS, followed, (tau_s, _AT_ONCE_S), ahead_s))
     ]
-    cost = np.array([one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1] for one in every])
-    share = np.exp((cost.min() - cost) / _DISCOUNT)
+    costs, places, covariances, white_m = (np.array(column) for column in zip(*every, strict=True))
+    share = np.exp((costs.min() - costs) / _DISCOUNT)
     share /= share.sum()
-    places = np.array([one.now[:2] for one in every])
     north, east = (share @ places).tolist()
     off = places - (north, east)
-    each = [one.now_covariance[:2, :2] + white_m**2 * np.eye(2) for one, (*_, white_m) in zip(every, _ANY, strict=True)]
-    covariance = _CAUTION * np.einsum("k,kij->ij", share, np.array(each) + off[:, :, None] * off[:, None])
+    each = covariances + white_m[:, None, None] ** 2 * np.eye(2)
+    covariance = _CAUTION * np.einsum("k,kij->ij", share, each + off[:, :, None] * off[:, None])
     (nn, ne), (_, ee) = covariance.tolist()
     return (north, east), (nn, ne, ee)
+
+
+def _apart(every: Sequence[DriftFit]) -> list[DriftFit]:
+    """Return the fits that differ in their places, the best first."""
+    best = sorted(every, key=lambda fit: fit.cost)
+    return [best[i] for i in _far_apart(np.array([[*one.x[:3], *one.now] for one in best]))]
+
+
+def _far_apart(places: Array) -> list[int]:
+    """Return the numbers of the places that are far from all before them."""
+    kept: list[int] = []
+    for i, place in enumerate(places):
+        if all(math.dist(place, places[j]) > _APART_M for j in kept):
+            kept.append(i)
+    return kept
 
 
 def _then(fit: DriftFit, time_s: Array) -> Array:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from . import dipole
 from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
-from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again, place_now
+from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again, fitted_beside, place_now
 from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, sigma_of, towards
 
@@ -114,7 +114,7 @@ class Hypotheses:
     def now(self, found: Found, time_s: float) -> Found:
         """Return a place found with that in the frame reported at a time."""
         readings, ahead_s = self._evidence.readings(self.cause), time_s - self._evidence.newest_s
-        now, covariance = place_now(self.x[0], readings, self.drifts[:1], ahead_s)
+        now, covariance = place_now(self.x, readings, self.drifts, ahead_s)
         return found._replace(now=now, now_covariance=covariance)
 
     def seed(self, o: Observation) -> None:
@@ -123,6 +123,14 @@ class Hypotheses:
         self.x = np.concatenate([self.x, new])
         self._damping = np.append(self._damping, np.full(len(new), 0.01))
         self.age = 0
+
+    def seed_drifting(self, o: Observation) -> None:
+        """Add fits under the drift that begin beside the best hypothesis, without the drift followed so far."""
+        self.readings = self._evidence.readings(self.cause)
+        new = fitted_beside(self.x[0], self.readings, self.cause.drift_m)
+        self.drifts = sorted([*self.drifts, *new], key=lambda fit: fit.cost)
+        self.x = np.array([fit.x for fit in self.drifts])
+        self.weigh(o, _ROUNDS)
 
     def weigh(self, o: Observation, rounds: int) -> None:
         """Fit the hypotheses, and drop unlikely and equal ones."""
@@ -391,7 +399,10 @@ class Estimate:
     def _doubt(self, o: Observation) -> None:
         """Sample other hypotheses once more."""
         strongest = self._course.strongest
-        if strongest is None or self._dipoles.cause.drift_m:
+        if strongest is None:
+            return
+        if self._dipoles.cause.drift_m:
+            self._dipoles.seed_drifting(o)
             return
         self._dipoles.seed(strongest)
         for rounds in _DOUBTS:
