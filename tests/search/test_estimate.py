@@ -351,11 +351,12 @@ def test_the_covariance_on_earth_has_both() -> None:
     assert Accuracy(2.0).on_earth(Found(1.0, 2.0)) is None
 
 
-def test_the_covariance_relative_to_the_drone_has_only_what_changes_near_the_place() -> None:
+def test_the_covariance_relative_to_the_drone_is_of_the_places_reported_now_if_a_strategy_knows_it() -> None:
     place = Found(1.0, 2.0, covariance=(4.0, 0.0, 4.0), now=(1.5, 2.0), now_covariance=(0.25, 0.1, 0.04))
-    nn, ne, ee = Accuracy(2.1).relative(place) or (0.0, 0.0, 0.0)
-    assert (0.25 < nn < 0.3, 0.04 < ee < 0.09, ne) == (True, True, 0.1)
-    assert Accuracy(0.01).relative(place) == pytest.approx((0.25, 0.1, 0.04), abs=1e-5)
+    assert Accuracy(2.1).relative(place) == (0.25, 0.1, 0.04)
+    nn, ne, ee = Accuracy(2.1).relative(Found(1.0, 2.0, covariance=(4.0, 0.1, 4.0))) or (0.0, 0.0, 0.0)
+    assert (nn, ne, ee) == (pytest.approx(4.02, abs=0.01), 0.1, pytest.approx(4.02, abs=0.01))
+    assert Accuracy(2.1).relative(Found(1.0, 2.0)) is None
 
 
 # -- The circle about a place -----------------------------------------------------------------------------

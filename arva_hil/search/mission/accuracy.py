@@ -21,7 +21,7 @@ _FLOORS_M: Final = {
     dialect.GPS_FIX_TYPE_RTK_FLOAT: 0.5,
     dialect.GPS_FIX_TYPE_RTK_FIXED: 0.01,
 }
-_RECENT: Final = 0.07  # share of the error that changes near a place, too slowly for a fit
+_RECENT: Final = 0.07  # share of the error that changes near a place, if the strategy follows no drift
 _UNKNOWN: Final = 0xFFFF  # unknown eph
 
 
@@ -44,7 +44,7 @@ class Accuracy(NamedTuple):
 
     def relative(self, found: Found) -> Covariance | None:
         """Return the covariance of the place relative to the drone [m²]; None if none is known."""
-        return _with(found.now_covariance or found.covariance, _RECENT * self.sigma_m)
+        return found.now_covariance or _with(found.covariance, _RECENT * self.sigma_m)
 
 
 def _with(covariance: Covariance | None, sigma_m: float) -> Covariance | None:

@@ -34,7 +34,7 @@ _ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a pl
 )
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
 _DISCOUNT: Final = 2.0  # divides the evidence of the readings: their errors are less independent than in the fit
-_CAUTION: Final = 2.25  # times the covariance, for the same reason
+_CAUTION: Final = 1.8  # times the covariance, for the same reason
 
 Array = NDArray[np.float64]
 
