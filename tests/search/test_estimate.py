@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -238,6 +239,15 @@ def heard(at: NDArray[np.float64]) -> tuple[float, float]:
     return round(math.hypot(h[0], h[1]) ** (-1 / 3), 2), round(math.atan2(h[1], h[0]), 2)
 
 
+def readings_on(way: Callable[[int], tuple[float, float]], drift: NDArray[np.float64]) -> dipole.DipoleReadings:
+    """Those at north and east of each reading, 3 m high, at the places reported under a drift."""
+    readings = dipole.DipoleReadings()
+    for k, error in enumerate(drift):
+        at = np.array([*way(k), -3.0])
+        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+    return readings
+
+
 @pytest.mark.parametrize("seed", [0, 4, 13, 14])
 def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
     """The field is the same on both sides of a transmitter: a fit that begins anew finds the other side at times."""
@@ -261,10 +271,8 @@ def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed
 ) -> None:
     rng, shares = np.random.default_rng(1), list[float]()
     for _ in range(8):
-        readings, drift = dipole.DipoleReadings(), slow(rng, sigma_m, tau_s, 24)
-        for k, error in enumerate(drift):
-            at = np.array([(8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k), -3.0])
-            readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+        drift = slow(rng, sigma_m, tau_s, 24)
+        readings = readings_on(lambda k: ((8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k)), drift)
         place, covariance = place_now(np.array([[*(PLACE + drift.mean(axis=0)), *MOMENT, 0.0]]), readings, (), 0.0)
         sigma = sigma_of(covariance) or 0.0
         shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / sigma)
@@ -275,10 +283,8 @@ def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed
 
 @pytest.mark.parametrize(("seed", "off"), [(4, (4, 0, 0)), (5, (0, 4, 0)), (10, (4, 0, 0)), (11, (0, 4, 0))])
 def test_a_fit_that_has_followed_a_wrong_drift_does_not_keep_the_place(seed: int, off: tuple[int, int, int]) -> None:
-    readings, drift = dipole.DipoleReadings(), walk(seed, 2.0, 40)
-    for k, error in enumerate(drift):
-        at = np.array([1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k), -3.0])
-        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+    drift = walk(seed, 2.0, 40)
+    readings = readings_on(lambda k: (1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k)), drift)
     beside = np.array([[*(PLACE + off + drift.mean(axis=0)), *MOMENT, 0.0]])
     (wrong,) = fitted(beside, readings, 0.1, 3.0, 20)
     place, _ = place_now(wrong.x[None], readings, [wrong], 0.0)
@@ -287,10 +293,7 @@ def test_a_fit_that_has_followed_a_wrong_drift_does_not_keep_the_place(seed: int
 
 
 def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:
-    readings, drift = dipole.DipoleReadings(), walk(3, 0.5, 20)
-    for k, error in enumerate(drift):
-        at = np.array([4 * math.cos(0.5 * k), 4 * math.sin(0.5 * k), -3.0])
-        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+    readings = readings_on(lambda k: (4 * math.cos(0.5 * k), 4 * math.sin(0.5 * k)), walk(3, 0.5, 20))
     x = np.array([[*(PLACE + off), *MOMENT, 0.0] for off in ((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), (-3.0, 1.0, 0.0))])
     together = fitted(x, readings, 0.1, 1.0, 6)
     for begin, one in zip(x, together, strict=True):

@@ -78,7 +78,8 @@ class Evidence(History):
     def add(self, o: Observation) -> bool:
         """Add a reading, unless it is from the same place as the last one.
 
-        Return False if it is no reading: a receiver on its way shows its last one again.
+        Return False if it is no reading: a receiver on its way shows its last one again. What a search flies by may be
+        of some place near (`SameReading` in choice.py); a fit needs the place itself.
         """
         if not o.finite:
             return False

@@ -25,7 +25,7 @@ _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _FARTHEST_M: Final = 2.0  # longest step
 _SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
 _ROUNDS: Final = 4
-_FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses
+_FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
 _ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a place [m]
     *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
     *((sigma_m, 600.0, white_m) for sigma_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
@@ -157,12 +157,14 @@ def place_now(
 ) -> tuple[tuple[float, float], Covariance]:
     """Return the place of a transmitter in the frame reported now, north and east, and its covariance.
 
-    `x`: hypotheses (K, 7), the best first. `near`, `ahead_s`: as in `fitted`; the best one begins also without its
-    drift. Drifts of all speeds and sizes count by their likelihood: that of the part of the readings that a hypothesis
-    cannot follow.
+    `x`: hypotheses (K, 7), the best first. `near`: their fits, if they follow a drift; the best one begins also
+    without. `ahead_s`: as in `fitted`. Drifts of all speeds and sizes count by their likelihood: that of the part of
+    the readings that a hypothesis cannot follow.
     """
     few = _far_apart(x[:, :3])[: _FEW - 1]
-    begin, followed = np.concatenate([x[few], x[: len(near[:1])]]), [near[i] for i in few if i < len(near)]
+    begin, followed = x[few], list[DriftFit]()
+    if near:
+        begin, followed = np.concatenate([begin, x[:1]]), [near[i] for i in few]
     every = [
         (one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1], one.now[:2], one.now_covariance[:2, :2], white_m)
         for drift_m, tau_s, white_m in _ANY

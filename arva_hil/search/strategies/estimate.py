@@ -126,7 +126,6 @@ class Hypotheses:
 
     def seed_drifting(self, o: Observation) -> None:
         """Add fits under the drift that begin beside the best hypothesis, without the drift followed so far."""
-        self.readings = self._evidence.readings(self.cause)
         new = fitted_beside(self.x[0], self.readings, self.cause.drift_m)
         self.drifts = sorted([*self.drifts, *new], key=lambda fit: fit.cost)
         self.x = np.array([fit.x for fit in self.drifts])
@@ -398,15 +397,12 @@ class Estimate:
 
     def _doubt(self, o: Observation) -> None:
         """Sample other hypotheses once more."""
-        strongest = self._course.strongest
-        if strongest is None:
-            return
         if self._dipoles.cause.drift_m:
             self._dipoles.seed_drifting(o)
-            return
-        self._dipoles.seed(strongest)
-        for rounds in _DOUBTS:
-            self._dipoles.weigh(o, rounds)
+        elif strongest := self._course.strongest:
+            self._dipoles.seed(strongest)
+            for rounds in _DOUBTS:
+                self._dipoles.weigh(o, rounds)
 
     def _near(self, o: Observation, near_m: float) -> bool:
         return self._dipoles.sure and math.dist(o.position[:2], self._dipoles.place) < near_m
