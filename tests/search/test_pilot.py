@@ -628,7 +628,7 @@ def struck(name: str, phase: str) -> tuple[World, float]:
     return world, at
 
 
-@pytest.mark.parametrize(("name", "phase"), zip(FAILSAFES, itertools.cycle(["climbing", "flying"])))
+@pytest.mark.parametrize(("name", "phase"), list(zip(FAILSAFES, itertools.cycle(["climbing", "flying"]))))
 def test_in_the_air_it_ends_at_once_and_the_vehicle_does_what_its_failsafe_does(name: str, phase: str) -> None:
     world, at = struck(name, phase)
     assert world.end(2.0) == ("failed", TAKEN.format(FAILSAFES[name].mode.name))
