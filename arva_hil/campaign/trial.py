@@ -46,9 +46,9 @@ class Result:
     """The result of a trial. The errors are None if nothing was found.
 
     The errors are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the
-    true place of the hovering vehicle (None for several drones). Of several transmitters `error_m` is the largest,
-    `hover_m` that of the last one. Of several drones: the time until enough were found, and the sums of paths and
-    frames.
+    true place of the vehicle at the end of the search, before the descent (None for several drones). Of several
+    transmitters `error_m` is the largest, `hover_m` that of the last one. Of several drones: the time until enough were
+    found, and the sums of paths and frames.
 
     `sigma_m`: the uncertainty of that place on Earth, None for several drones; `relative_m`, `relative_sigma_m`: error
     and uncertainty of the place relative to the vehicle, None for several transmitters or drones.

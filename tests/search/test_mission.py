@@ -563,12 +563,16 @@ def test_time_may_go_anywhere(steps: list[tuple[float, bool, int]]) -> None:
 
 
 @pytest.mark.usefixtures("believed")
-def test_it_ends_above_the_place_found_wherever_that_was_found_from(m: Told, strategy: type[Scripted]) -> None:
+@pytest.mark.parametrize(("land", "near_m"), [(False, 0.5), (True, 2.0)])
+def test_it_ends_at_the_place_found_and_a_descent_flies_the_rest(
+    land: bool, near_m: float, strategy: type[Scripted]
+) -> None:
+    m = mission(strategy, land=land)
     strategy.finds = Found(3.0, 4.0)
     assert heard(m, beacon(1, 5), at_s=101.0, position=(0.0, 0.0, -1.0)) == pytest.approx((0.6, 0.8))
     assert in_words(m.ended) == ""
-    assert m.fly(104.0, (2.0, 2.5, -1.0))[:2] != STILL  # without a frame: it is known where to
-    assert m.fly(105.5, (2.8, 3.7, -1.0))[:2] == STILL
+    assert m.fly(104.0, (3.0, 3.9 - near_m, -1.0))[:2] != STILL  # without a frame: it is known where to
+    assert m.fly(105.5, (3.0, 4.1 - near_m, -1.0))[:2] == STILL
     assert (in_words(m.ended), m.progress.searched_s) == (FOUND, 5.5)
 
 

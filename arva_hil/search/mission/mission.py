@@ -47,6 +47,7 @@ _AT_GOAL: Final = Why.FOUND, Why.NOT_SURE
 _COMPLETE: Final = *_AT_GOAL, Why.TIME_UP, Why.STRIPS_FLOWN  # all other ends are early
 _FAR_M: Final = 100.0  # from area and take-off point: a farther place ends the search
 _THERE_M: Final = 0.5  # from the place found
+_ASIDE_M: Final = 2.0  # the same if a descent follows, which flies the rest
 _BELIEF_S: Final = 0.5  # between estimates that are reported
 
 
@@ -320,7 +321,8 @@ class Mission:
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
         place, late = found.goal, self.progress.searched_s > self.plan.limit_s
         barred = self._team is not None and self._team.bars(place, position)
-        if not (late or barred) and math.dist(position[:2], place) >= _THERE_M:
+        near_m = _ASIDE_M if self._lands else _THERE_M
+        if not (late or barred) and math.dist(position[:2], place) >= near_m:
             return towards(position, place, self.plan.speed)
         if self.sure and not self.victims.unreported:
             verdict = self._last_look.check(found, time_s, last=late)

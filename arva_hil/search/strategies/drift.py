@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -22,21 +23,42 @@ DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
 
 _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
+_AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
 _FARTHEST_M: Final = 2.0  # longest step
 _SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
 _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
-_ANY: Final = (  # drifts: sigma [m], correlation time [s], other errors of a place [m]
-    *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
-    *((sigma_m, 600.0, white_m) for sigma_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
-    *((sigma_m, 100.0, 0.1) for sigma_m in (0.3, 1.0)),
-    *((sigma_m, tau_s, 0.1) for sigma_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
-)
-_AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
-_DISCOUNT: Final = 2.0  # divides the evidence of the readings: their errors are less independent than in the fit
+_SCALES: Final = (1.0, 0.5, 0.25)  # sizes of all errors that are tried, as shares of those assumed
+_DISCOUNT: Final = 3.0  # divides the evidence of the readings: their errors are less independent than in the fit
 _CAUTION: Final = 1.8  # times the covariance, for the same reason
+_LIKELY: Final = 0.01  # least share of errors that are tried again
 
 Array = NDArray[np.float64]
+
+
+class Errors(NamedTuple):
+    """The sizes of the errors of readings."""
+
+    drift_m: float = 0.0
+    """Sigma of the drift on each axis."""
+    white_m: float = WHITE_M
+    """Sigma of the other errors of a place."""
+    times_s: tuple[float, float] = _SLOW_S
+    """Correlation time of the drift, and time constant of its filter."""
+    late_s: float = 0.0
+    """Sigma of the delay of all readings together, and of each."""
+
+
+ANY: Final = tuple(
+    Errors(drift_m, white_m, (tau_s, _AT_ONCE_S), late_s)
+    for drift_m, tau_s, white_m in (
+        *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
+        *((drift_m, 600.0, white_m) for drift_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
+        *((drift_m, 100.0, 0.1) for drift_m in (0.3, 1.0)),
+        *((drift_m, tau_s, 0.1) for drift_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
+    )
+    for late_s in (0.0, 0.3)
+)
 
 
 class DriftFit(NamedTuple):
@@ -47,6 +69,8 @@ class DriftFit(NamedTuple):
     now: Array  # (3,)
     now_covariance: Array  # (3, 3)
     cost: float  # −ln of the likelihood
+    misfit: float  # the sum of the squared errors by their variances
+    parts: int  # the number of these errors
     drift: Array  # (3, N) of the readings,
     time_s: Array  # (N,) at these times
 
@@ -64,15 +88,20 @@ class _Linear(NamedTuple):
     left: Array  # (M,) solved by `each`: the error there
 
 
-def _linear(fit: dipole.Fit, k: int, drift: Array, pose_error: float, alike: Array) -> _Linear:
-    """Return hypothesis k of a fit, linear; `alike`: covariance (2N, 2N) of the drifts at the readings of two parts."""
+def _linear(fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array, late_m: Array) -> _Linear:
+    """Return hypothesis k of a fit, linear.
+
+    `alike`: covariance (2N, 2N) of the drifts at the readings of two parts. `late_m`: the way (3, N) flown in a delay.
+    """
     used = np.flatnonzero(fit.weight[k])
     of, j = used // 2, fit.slopes[k][:, used]
-    exact = pose_error**2 * fit.slope[k, used] + fit.variance[k, used]
+    exact = white_m**2 * fit.slope[k, used] + fit.variance[k, used]
     tail = np.where(of, 1 + fit.error[k, used] ** 2 / (dipole.TAIL * exact), 1.0)
     e = fit.error[k, used] - np.add.reduce(j[:3] * drift[:, of])
     each = (j[:3].T @ j[:3]) * (alike if len(of) == len(alike) else alike[used[:, None], used])
-    each.ravel()[:: len(of) + 1] += exact * tail
+    late = np.add.reduce(j[:3] * late_m[:, of])
+    each += late[:, None] * late
+    each.ravel()[:: len(of) + 1] += exact * tail + late**2
     solved = np.linalg.solve(each, np.column_stack([j.T, e]))
     information, gradient = j @ solved[:, :7] + dipole.RIDGE, j @ solved[:, 7]
     gradient[6] += dipole.RIDGE[6, 6] * fit.x[k, 6]
@@ -83,35 +112,35 @@ def _linear(fit: dipole.Fit, k: int, drift: Array, pose_error: float, alike: Arr
 def fitted(
     x: Array,
     o: dipole.DipoleReadings,
-    pose_error: float,
-    drift_m: float,
+    errors: Errors,
     rounds: int,
     near: Sequence[DriftFit] = (),
-    times_s: tuple[float, float] = _SLOW_S,
     ahead_s: float = 0.0,
+    velocity: Array | None = None,
 ) -> list[DriftFit]:
     """Return for each hypothesis (K, 7) the one near it that fits the readings best.
 
-    Sigmas of each place and of the drift are in metres. `near`: fits; the first hypotheses start with their drifts. The
-    cost of a fit with `drift_m` 0 can be compared with others. `times_s`: correlation time of the drift, and of its
-    filter. `ahead_s`: the time now, after the newest reading.
+    The costs of fits without a drift can be compared with others. `near`: fits; the first hypotheses start with their
+    drifts. `ahead_s`: the time from the newest reading until now. `velocity`: of the receiver, (3, N) [m/s].
     """
-    alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s, times_s)
-    newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0) - ahead_s, times_s)
+    variance, n = errors.drift_m**2, len(o.time_s)
+    alike = variance * _alike(o.time_s[:, None] - o.time_s, errors.times_s)
+    newest = variance * _alike(o.time_s - o.time_s[1:].max(initial=0.0) - ahead_s, errors.times_s)
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is the prior
+    late_m = np.zeros((3, n)) if velocity is None else errors.late_s * velocity
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
-    there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, len(o.time_s)))
+    there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, n))
     for k, before in enumerate(near):
         drift[k] = _then(before, o.time_s)
     going, fits = dict.fromkeys(range(len(x)), rounds), dict[int, DriftFit]()  # rounds left; the settled fits
     while going:
         numbers = list(going)
         there.at = o.at - drift[numbers]
-        fit = dipole.evaluate(x[numbers], there, pose_error)
+        fit = dipole.evaluate(x[numbers], there, errors.white_m)
         for row, k in enumerate(numbers):
-            one = _linear(fit, row, drift[k], pose_error, both)
+            one = _linear(fit, row, drift[k], errors.white_m, both, late_m)
             if going[k] <= 0:
-                fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, drift_m, o.time_s)
+                fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, variance, o.time_s)
                 del going[k]
                 continue
             far = float(np.abs(one.step[:3]).max())
@@ -123,16 +152,18 @@ def fitted(
     return [fits[k] for k in range(len(x))]
 
 
-def _settled(x: Array, drift: Array, one: _Linear, newest: Array, drift_m: float, time_s: Array) -> DriftFit:
+def _settled(x: Array, drift: Array, one: _Linear, newest: Array, variance: float, time_s: Array) -> DriftFit:
     """Return the fit of a hypothesis; `newest`: covariance (N,) of the drift now with that of each reading."""
     covariance = np.linalg.inv(one.information)
     known = one.slopes[:3] * newest[one.of]  # covariance of the drift now with each error
     turn = np.eye(3, 7) - known @ one.solved[:, :7]
-    rest = drift_m**2 * np.eye(3) - known @ np.linalg.solve(one.each, known.T)
+    rest = variance * np.eye(3) - known @ np.linalg.solve(one.each, known.T)
     now_covariance = turn @ covariance @ turn.T + rest
     known_yaw = dipole.RIDGE[6, 6] * x[6] ** 2
-    cost = 0.5 * float(one.error @ one.solved[:, 7] + np.linalg.slogdet(one.each)[1] + known_yaw)
-    return DriftFit(x, covariance, x[:3] + known @ one.left, now_covariance, cost, drift, time_s)
+    misfit = float(one.error @ one.solved[:, 7])
+    cost = 0.5 * float(misfit + np.linalg.slogdet(one.each)[1] + known_yaw)
+    now = x[:3] + known @ one.left
+    return DriftFit(x, covariance, now, now_covariance, cost, misfit, len(one.error), drift, time_s)
 
 
 def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings, drift_m: float) -> list[DriftFit]:
@@ -141,7 +172,8 @@ def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings,
     The first of them are those of the fits `before`, and begin with their drifts; the best one begins also without.
     """
     followed = min(len(before), _FEW - 1)
-    every = _apart(fitted(np.concatenate([x[:followed], x[:1]]), o, WHITE_M, drift_m, _ROUNDS, before[:followed]))
+    begin = np.concatenate([x[:followed], x[:1]])
+    every = _apart(fitted(begin, o, Errors(drift_m), _ROUNDS, before[:followed]))
     return [one for one in every if one.cost - every[0].cost < dipole.FORGET]
 
 
@@ -149,36 +181,63 @@ def fitted_beside(x: Array, o: dipole.DipoleReadings, drift_m: float) -> list[Dr
     """Return fits that begin at a hypothesis (7,) and on all sides of it, without a drift."""
     beside = x[None].repeat(5, axis=0)
     beside[1:, :2] += _BESIDE_M * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
-    return fitted(beside, o, WHITE_M, drift_m, 2 * _ROUNDS)
+    return fitted(beside, o, Errors(drift_m), 2 * _ROUNDS)
+
+
+class PlaceNow(NamedTuple):
+    """A place in the frame reported now, north and east, its covariance, and the errors that are likely."""
+
+    place: tuple[float, float]
+    covariance: Covariance
+    likely: Sequence[Errors]
 
 
 def place_now(
-    x: Array, o: dipole.DipoleReadings, near: Sequence[DriftFit], ahead_s: float
-) -> tuple[tuple[float, float], Covariance]:
-    """Return the place of a transmitter in the frame reported now, north and east, and its covariance.
+    x: Array,
+    o: dipole.DipoleReadings,
+    near: Sequence[DriftFit],
+    ahead_s: float,
+    velocity: Array,
+    errors: Sequence[Errors] = ANY,
+) -> PlaceNow:
+    """Return the place of a transmitter in the frame reported now.
 
     `x`: hypotheses (K, 7), the best first. `near`: their fits, if they follow a drift; the best one begins also
-    without. `ahead_s`: as in `fitted`. Drifts of all speeds and sizes count by their likelihood: that of the part of
-    the readings that a hypothesis cannot follow.
+    without. `ahead_s`, `velocity`: as in `fitted`. `errors`: drifts and delays of all sizes, which count by their
+    likelihood. All errors of a fit may be smaller than assumed; then the fit is the same.
     """
     few = _far_apart(x[:, :3])[: _FEW - 1]
     begin, followed = x[few], list[DriftFit]()
     if near:
         begin, followed = np.concatenate([begin, x[:1]]), [near[i] for i in few]
     every = [
-        (one.cost - 0.5 * np.linalg.slogdet(one.covariance)[1], one.now[:2], one.now_covariance[:2, :2], white_m)
-        for drift_m, tau_s, white_m in _ANY
-        for one in _apart(fitted(begin, o, white_m, drift_m, 2 * _ROUNDS, followed, (tau_s, _AT_ONCE_S), ahead_s))
+        (each, one)
+        for each in errors
+        for one in _apart(fitted(begin, o, each, 2 * _ROUNDS, followed, ahead_s, velocity))
     ]
-    costs, places, covariances, white_m = (np.array(column) for column in zip(*every, strict=True))
-    share = np.exp((costs.min() - costs) / _DISCOUNT)
-    share /= share.sum()
-    north, east = (share @ places).tolist()
+    share = _shares([one for _, one in every])
+    of_fit = share.sum(axis=0)
+    places = np.array([one.now[:2] for _, one in every])
+    north, east = (of_fit @ places).tolist()
     off = places - (north, east)
-    each = covariances + white_m[:, None, None] ** 2 * np.eye(2)
-    covariance = _CAUTION * np.einsum("k,kij->ij", share, each + off[:, :, None] * off[:, None])
-    (nn, ne), (_, ee) = covariance.tolist()
-    return (north, east), (nn, ne, ee)
+    each_now = np.array([one.now_covariance[:2, :2] + each.white_m**2 * np.eye(2) for each, one in every])
+    covariance = np.einsum("k,kij->ij", np.square(_SCALES) @ share, each_now) + (of_fit * off.T) @ off
+    (nn, ne), (_, ee) = (_CAUTION * covariance).tolist()
+    of_errors = Counter[Errors]()
+    for (each, _), one_share in zip(every, of_fit.tolist(), strict=True):
+        of_errors[each] += one_share
+    return PlaceNow((north, east), (nn, ne, ee), [each for each in errors if of_errors[each] > _LIKELY])
+
+
+def _shares(fits: Sequence[DriftFit]) -> Array:
+    """Return the share (S, K) of each fit by its likelihood, with all of its errors smaller by each scale."""
+    scale = np.array(_SCALES)[:, None]
+    cost, misfit, parts = (np.array(c) for c in zip(*((f.cost, f.misfit, f.parts) for f in fits), strict=True))
+    cost = cost - 0.5 * np.linalg.slogdet(np.array([one.covariance for one in fits]))[1]
+    cost = cost + 0.5 * misfit * (scale**-2 - 1) + parts * np.log(scale)
+    share: Array = np.exp((cost.min() - cost) / _DISCOUNT)
+    share /= share.sum()
+    return share
 
 
 def _apart(every: Sequence[DriftFit]) -> list[DriftFit]:

@@ -1,9 +1,10 @@
 """A search that estimates the place of the transmitter from the field of a dipole, and flies there.
 
 The strategy keeps several hypotheses, weighted by the likelihood of all readings, and drops unlikely ones. The vehicle
-flies to their average, which separates them. Before it stops, it samples other hypotheses again, and flies a circle
-about the place. The strategy detects late readings, places that drift like those of a GPS, dead antennas, and
-electronics that mask distant transmitters.
+flies to their average, which separates them. Before it stops, it samples other hypotheses again, and circles about the
+place until a reading tells well where it is now: a reading beside a transmitter tells more than one right above it. The
+strategy detects late readings, places that drift like those of a GPS, dead antennas, and electronics that mask distant
+transmitters.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from . import dipole
 from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
-from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again, fitted_beside, place_now
+from .drift import ANY, DRIFTS_M, WHITE_M, DriftFit, Errors, fitted_again, fitted_beside, place_now
 from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, sigma_of, towards
 
@@ -56,9 +57,9 @@ _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
-_ABOVE_M: Final = 0.3  # above the place within this distance
-_KNOWN_M: Final = 0.35  # sigma of the place below the vehicle
-_PATIENCE_S: Final = 90.0  # after the first hover: report the place below with a larger sigma
+_REPORT_S: Final = 0.5  # time between two readings that may report a place
+_KNOWN_M: Final = 0.25  # report a place whose sigma is less now
+_PATIENCE_S: Final = 120.0  # time from the first hover after which that sigma grows
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
@@ -83,6 +84,7 @@ class Hypotheses:
         self._evidence = evidence
         self._damping = np.empty(0)
         self._yaw_sigma = math.inf  # of the best one, rad
+        self._errors: Sequence[Errors] = ANY  # the likely ones
 
     def take(self, one: Explanation, o: Observation) -> None:
         """Replace the hypotheses by those of an explanation."""
@@ -109,13 +111,15 @@ class Hypotheses:
     def found(self, time_s: float) -> Found:
         """Return the place with that in the frame reported at a time, and the yaw of the receiver."""
         far = abs(self.x[0, 6]) > max(_TURNED, _TURNED_SIGMAS * self._yaw_sigma)
+        self._errors = ANY
         return self.now(self.settled, time_s)._replace(turned_deg=math.degrees(self.x[0, 6]) if far else None)
 
     def now(self, found: Found, time_s: float) -> Found:
         """Return a place found with that in the frame reported at a time."""
-        readings, ahead_s = self._evidence.readings(self.cause), time_s - self._evidence.newest_s
-        now, covariance = place_now(self.x, readings, self.drifts, ahead_s)
-        return found._replace(now=now, now_covariance=covariance)
+        readings, lag_s = self._evidence.readings(self.cause), self.cause.lag_s
+        velocity, ahead_s = self._evidence.velocity(readings.time_s - lag_s), time_s - self._evidence.newest_s + lag_s
+        place, covariance, self._errors = place_now(self.x, readings, self.drifts, ahead_s, velocity, self._errors)
+        return found._replace(now=place, now_covariance=covariance)
 
     def seed(self, o: Observation) -> None:
         """Add hypotheses that agree with a reading."""
@@ -240,7 +244,7 @@ class Estimate:
         self._dipoles = Hypotheses(self._evidence)
         self._unexplained = 0  # readings since causes were compared
         self._circle: Circle | None = None
-        self._candidate: Found | None = None  # it flies above this place before it reports it
+        self._candidate: Found | None = None  # it circles about this place until it reports it
         self._listens_s = math.inf  # start of the circle with this cause
         self._doubtful_s = math.inf  # start of the disagreement of readings and place
         self._above_s = math.inf  # start of the first hover above a place
@@ -268,11 +272,11 @@ class Estimate:
         if self._found or not self._evidence.add(o):
             return
         step_s = _DRIFTING_S if self._dipoles.drifts else max(_STEP_S, _STEP_M / self._speed)
-        if 0 <= o.time_s - self._course.newest_s < (_STEP_S if self._candidate else step_s):
+        if 0 <= o.time_s - self._course.newest_s < (_REPORT_S if self._candidate else step_s):
             return
         if self._candidate:
             self._course.newest_s = o.time_s
-            self._come_above(self._candidate, o)
+            self._report(self._dipoles.now(self._candidate, o.time_s), o)
             return
         self._course.add(o)
         strongest = self._course.strongest
@@ -296,26 +300,27 @@ class Estimate:
         self._listen(o)
         self._course.steer(o, strongest, self._dipoles)
 
-    def _come_above(self, candidate: Found, o: Observation) -> None:
-        """Fly above the place before it is reported, and circle once more while it is uncertain."""
-        self._candidate = candidate = self._dipoles.now(candidate, o.time_s)
-        self._course.goal, after_s = candidate.goal, o.time_s - self._above_s
-        if math.dist(o.position[:2], candidate.goal) > _ABOVE_M and after_s < _LONGEST_S + _REACH_S:
+    def _report(self, candidate: Found, o: Observation) -> None:
+        """Report the place once a reading beside it tells well where it is now. Until then, circle about it."""
+        self._candidate, self._course.goal = candidate, candidate.goal
+        near, after_s = math.dist(o.position[:2], candidate.goal) < _NEAR_M, o.time_s - self._above_s
+        known = (sigma_of(candidate.now_covariance) or 0.0) < _KNOWN_M * max(1.0, after_s / _PATIENCE_S)
+        if (near and known) or after_s > _LONGEST_S + _REACH_S:
+            self._found, self._circle = candidate, None
             return
-        self._candidate = None
-        if after_s > _PATIENCE_S or (sigma_of(candidate.now_covariance) or math.inf) < _KNOWN_M:
-            self._found = candidate
-        else:
+        if self._circle is None:
             self._circle = Circle(candidate.goal, o.position)
-            self._course.newest_s = -math.inf  # use the next reading
+        elif self._circle.done:
+            self._candidate = None  # check the place again
+        self._circle.observe(candidate.goal)
 
     def _listen(self, o: Observation) -> None:
         """Circle about the place before it is reported. Causes may change, but the circle ends in bounded time."""
-        near = self._near(o, _NEAR_M)
+        near, checked = self._near(o, _NEAR_M), False
         if near:
             self._above_s = min(self._above_s, o.time_s)
         if o.time_s - self._doubtful_s > _DOUBTFUL_S or o.time_s - self._above_s > _LONGEST_S:
-            self._candidate = self._dipoles.found(o.time_s)
+            checked = True
         elif self._circle is None:
             if near:
                 self._doubt(o)
@@ -328,10 +333,10 @@ class Estimate:
             self._circle, self._listens_s = None, math.inf
         elif self._circle.done and self._heard_enough(o.time_s - self._listens_s):
             self._doubt(o)
-            if self._certain(o):
-                self._candidate = self._dipoles.found(o.time_s)
-        if self._candidate:
+            checked = self._certain(o)
+        if checked:
             self._circle = None
+            self._report(self._dipoles.found(o.time_s), o)
         elif self._circle:
             self._circle.observe(self._dipoles.place)
 
