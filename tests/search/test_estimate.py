@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from collections import deque
@@ -109,6 +110,35 @@ def test_it_reports_a_place_from_a_reading_beside_it() -> None:
     newest = flight.heard[-1].position
     assert math.dist(newest[:2], flight.found.goal) < RADIUS_M + 0.5
     assert flight.found.now != flight.found[:2]
+
+
+@pytest.mark.parametrize(("sigmas_m", "late"), [((0.1, 0.1), False), ((0.1, 1.0), True)])
+def test_one_certain_reading_among_uncertain_ones_reports_no_place(
+    sigmas_m: tuple[float, ...], late: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sigmas = itertools.cycle(sigmas_m)
+
+    def scripted(*arguments: Any) -> PlaceNow:
+        variance = next(sigmas) ** 2
+        return place_now(*arguments)._replace(covariance=(variance, 0.0, variance))
+
+    monkeypatch.setattr(estimate, "place_now", scripted)
+    flight = fly_to_buried(3, Estimate(1.0), seed=3)
+    assert (flight.time_s > 200) == late
+    assert flight.error_m < 0.3
+
+
+def test_a_place_under_the_largest_drift_is_not_certain() -> None:
+    evidence = Evidence()
+    for k in range(24):
+        at = np.array([*circle(k), -3.0])
+        d, delta = heard(at)
+        evidence.add(Observation(k, tuple(at), np.eye(3), round(100 * d), round(math.degrees(delta)), False))
+    dipoles = estimate.Hypotheses(evidence)
+    dipoles.x = np.array([[*PLACE, *MOMENT, 0.0]])
+    for drift_m, least_m, most_m in ((1.0, 0.0, 0.3), (3.0, 1.0, 1.3)):
+        dipoles.cause = Cause(drift_m=drift_m)
+        assert least_m < (sigma_of(dipoles.now(Found(0.0, 0.0), 23.0).now_covariance) or 0.0) < most_m
 
 
 def test_a_position_that_wanders_within_seconds_is_searched_by_its_mean() -> None:

@@ -31,7 +31,7 @@ _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different on
 _SCALES: Final = (1.0, 0.5, 0.25)  # sizes of all errors that are tried, as shares of those assumed
 _DISCOUNT: Final = 3.0  # divides the evidence of the readings: their errors are less independent than in the fit
 _CAUTION: Final = 1.8  # times the covariance, for the same reason
-_LIKELY: Final = 0.01  # least share of errors that are tried again
+_LIKELY: Final = 0.003  # least share of errors that are tried again
 
 Array = NDArray[np.float64]
 

@@ -57,6 +57,7 @@ _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
+_FARTHER_M: Final = 1.0  # sigma added under the largest drift, which may be a larger one
 _REPORT_S: Final = 0.5  # time between two readings that may report a place
 _KNOWN_M: Final = 0.25  # report a place whose sigma is less now
 _PATIENCE_S: Final = 120.0  # time from the first hover after which that sigma grows
@@ -118,8 +119,9 @@ class Hypotheses:
         """Return a place found with that in the frame reported at a time."""
         readings, lag_s = self._evidence.readings(self.cause), self.cause.lag_s
         velocity, ahead_s = self._evidence.velocity(readings.time_s - lag_s), time_s - self._evidence.newest_s + lag_s
-        place, covariance, self._errors = place_now(self.x, readings, self.drifts, ahead_s, velocity, self._errors)
-        return found._replace(now=place, now_covariance=covariance)
+        place, (nn, ne, ee), self._errors = place_now(self.x, readings, self.drifts, ahead_s, velocity, self._errors)
+        more = _FARTHER_M**2 if self.cause.drift_m == max(DRIFTS_M) else 0.0
+        return found._replace(now=place, now_covariance=(nn + more, ne, ee + more))
 
     def seed(self, o: Observation) -> None:
         """Add hypotheses that agree with a reading."""
@@ -301,10 +303,14 @@ class Estimate:
         self._course.steer(o, strongest, self._dipoles)
 
     def _report(self, candidate: Found, o: Observation) -> None:
-        """Report the place once a reading beside it tells well where it is now. Until then, circle about it."""
-        self._candidate, self._course.goal = candidate, candidate.goal
+        """Report the place once two readings in a row beside it tell well where it is now; until then, circle about it.
+
+        A single one would be the one of many whose sigma is too small by chance.
+        """
+        before, self._candidate, self._course.goal = self._candidate, candidate, candidate.goal
         near, after_s = math.dist(o.position[:2], candidate.goal) < _NEAR_M, o.time_s - self._above_s
-        known = (sigma_of(candidate.now_covariance) or 0.0) < _KNOWN_M * max(1.0, after_s / _PATIENCE_S)
+        sigma = max(sigma_of(one.now_covariance) or 0.0 if one else math.inf for one in (before, candidate))
+        known = sigma < _KNOWN_M * max(1.0, after_s / _PATIENCE_S)
         if (near and known) or after_s > _LONGEST_S + _REACH_S:
             self._found, self._circle = candidate, None
             return
