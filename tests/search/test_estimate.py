@@ -35,7 +35,15 @@ from arva_hil.search.strategies import dipole, estimate
 from arva_hil.search.strategies.agreement import Evidence, beginning
 from arva_hil.search.strategies.circle import RADIUS_M, Circle
 from arva_hil.search.strategies.dipole import Array
-from arva_hil.search.strategies.drift import DriftFit, Errors, PlaceNow, fitted, fitted_again, fitted_beside, place_now
+from arva_hil.search.strategies.drift import (
+    DriftFit,
+    ErrorSizes,
+    PlaceNow,
+    fitted,
+    fitted_again,
+    fitted_beside,
+    place_now,
+)
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.flux import Flux
@@ -353,7 +361,7 @@ def test_a_fit_that_has_followed_a_wrong_drift_does_not_keep_the_place(seed: int
     drift = walk(seed, 2.0, 40)
     readings = readings_on(lambda k: (1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k)), drift)
     beside = np.array([[*(PLACE + off + drift.mean(axis=0)), *MOMENT, 0.0]])
-    (wrong,) = fitted(beside, readings, Errors(3.0), 20)
+    (wrong,) = fitted(beside, readings, ErrorSizes(3.0), 20)
     place, *_ = place_now(wrong.x[None], readings, [wrong], 0.0, np.zeros((3, 41)))
     assert math.dist(place, (PLACE + drift[-1])[:2]) < 1.5
     assert min(one.cost for one in fitted_beside(wrong.x, readings, 3.0)) < wrong.cost
@@ -362,12 +370,12 @@ def test_a_fit_that_has_followed_a_wrong_drift_does_not_keep_the_place(seed: int
 def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:
     readings = readings_on(lambda k: (4 * math.cos(0.5 * k), 4 * math.sin(0.5 * k)), walk(3, 0.5, 20))
     x = np.array([[*(PLACE + off), *MOMENT, 0.0] for off in ((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), (-3.0, 1.0, 0.0))])
-    together = fitted(x, readings, Errors(1.0), 6)
+    together = fitted(x, readings, ErrorSizes(1.0), 6)
     for begin, one in zip(x, together, strict=True):
-        (alone,) = fitted(begin[None], readings, Errors(1.0), 6)
+        (alone,) = fitted(begin[None], readings, ErrorSizes(1.0), 6)
         assert all(np.array_equal(a, b) for a, b in zip(one, alone, strict=True))
-    nearer = fitted(x, readings, Errors(1.0), 3, together[:2])
-    (alone,) = fitted(x[1:2], readings, Errors(1.0), 3, together[1:2])
+    nearer = fitted(x, readings, ErrorSizes(1.0), 3, together[:2])
+    (alone,) = fitted(x[1:2], readings, ErrorSizes(1.0), 3, together[1:2])
     assert all(np.array_equal(a, b) for a, b in zip(nearer[1], alone, strict=True))
 
 

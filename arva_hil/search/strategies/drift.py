@@ -36,7 +36,7 @@ _LIKELY: Final = 0.003  # least share of errors that are tried again
 Array = NDArray[np.float64]
 
 
-class Errors(NamedTuple):
+class ErrorSizes(NamedTuple):
     """The sizes of the errors of readings."""
 
     drift_m: float = 0.0
@@ -50,7 +50,7 @@ class Errors(NamedTuple):
 
 
 ANY: Final = tuple(
-    Errors(drift_m, white_m, (tau_s, _AT_ONCE_S), late_s)
+    ErrorSizes(drift_m, white_m, (tau_s, _AT_ONCE_S), late_s)
     for drift_m, tau_s, white_m in (
         *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
         *((drift_m, 600.0, white_m) for drift_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
@@ -112,7 +112,7 @@ def _linear(fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array,
 def fitted(
     x: Array,
     o: dipole.DipoleReadings,
-    errors: Errors,
+    errors: ErrorSizes,
     rounds: int,
     near: Sequence[DriftFit] = (),
     ahead_s: float = 0.0,
@@ -173,7 +173,7 @@ def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings,
     """
     followed = min(len(before), _FEW - 1)
     begin = np.concatenate([x[:followed], x[:1]])
-    every = _apart(fitted(begin, o, Errors(drift_m), _ROUNDS, before[:followed]))
+    every = _apart(fitted(begin, o, ErrorSizes(drift_m), _ROUNDS, before[:followed]))
     return [one for one in every if one.cost - every[0].cost < dipole.FORGET]
 
 
@@ -181,7 +181,7 @@ def fitted_beside(x: Array, o: dipole.DipoleReadings, drift_m: float) -> list[Dr
     """Return fits that begin at a hypothesis (7,) and on all sides of it, without a drift."""
     beside = x[None].repeat(5, axis=0)
     beside[1:, :2] += _BESIDE_M * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
-    return fitted(beside, o, Errors(drift_m), 2 * _ROUNDS)
+    return fitted(beside, o, ErrorSizes(drift_m), 2 * _ROUNDS)
 
 
 class PlaceNow(NamedTuple):
@@ -189,7 +189,7 @@ class PlaceNow(NamedTuple):
 
     place: tuple[float, float]
     covariance: Covariance
-    likely: Sequence[Errors]
+    likely: Sequence[ErrorSizes]
 
 
 def place_now(
@@ -198,7 +198,7 @@ def place_now(
     near: Sequence[DriftFit],
     ahead_s: float,
     velocity: Array,
-    errors: Sequence[Errors] = ANY,
+    errors: Sequence[ErrorSizes] = ANY,
 ) -> PlaceNow:
     """Return the place of a transmitter in the frame reported now.
 
@@ -223,7 +223,7 @@ def place_now(
     each_now = np.array([one.now_covariance[:2, :2] + each.white_m**2 * np.eye(2) for each, one in every])
     covariance = np.einsum("k,kij->ij", np.square(_SCALES) @ share, each_now) + (of_fit * off.T) @ off
     (nn, ne), (_, ee) = (_CAUTION * covariance).tolist()
-    of_errors = Counter[Errors]()
+    of_errors = Counter[ErrorSizes]()
     for (each, _), one_share in zip(every, of_fit.tolist(), strict=True):
         of_errors[each] += one_share
     return PlaceNow((north, east), (nn, ne, ee), [each for each in errors if of_errors[each] > _LIKELY])

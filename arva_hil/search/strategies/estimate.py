@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from . import dipole
 from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
-from .drift import ANY, DRIFTS_M, WHITE_M, DriftFit, Errors, fitted_again, fitted_beside, place_now
+from .drift import ANY, DRIFTS_M, WHITE_M, DriftFit, ErrorSizes, fitted_again, fitted_beside, place_now
 from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, sigma_of, towards
 
@@ -68,7 +68,7 @@ class Hypotheses:
     """Dipoles that may explain the readings, under one cause; their shares add up to 1.
 
     - `cause`: of the errors of the readings. `readings`: with the poses under that cause.
-    - `x`: dipoles (K, 7). `places`: (K, 3), in the frame reported now. `share`: (K,).
+    - `x`: dipoles (K, 7). `share`: (K,).
     - `drifts`: the fits under a drift of the places, the best first; none without a drift.
     - `covariance`: of north and east of the average [m²].
     - `pose_error`: of the receiver's places [m]. `age`: readings since other hypotheses were added.
@@ -79,13 +79,13 @@ class Hypotheses:
         self.cause = NOTHING
         self.drifts: list[DriftFit] = []
         self.x, self.pose_error = np.empty((0, 7)), 0.1
-        self.share, self.places = np.empty(0), np.empty((0, 3))
+        self.share = np.empty(0)
         self.covariance = np.zeros((2, 2))
         self.age = 0
         self._evidence = evidence
         self._damping = np.empty(0)
         self._yaw_sigma = math.inf  # of the best one, rad
-        self._errors: Sequence[Errors] = ANY  # the likely ones
+        self._errors: Sequence[ErrorSizes] = ANY  # the likely ones
 
     def take(self, one: Explanation, o: Observation) -> None:
         """Replace the hypotheses by those of an explanation."""
@@ -97,6 +97,12 @@ class Hypotheses:
     def add(self, one: Explanation) -> None:
         """Put the best fit of an explanation before the others."""
         self.x, self.drifts = np.concatenate([one.x[:1], self.x]), [one.best, *self.drifts]
+        self.share = np.append(0.0, self.share)  # until it is weighed
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """The places (K, 3) of the hypotheses in the frame reported now."""
+        return np.array([one.now for one in self.drifts]) if self.drifts else self.x[:, :3]
 
     @property
     def settled(self) -> Found:
@@ -153,7 +159,6 @@ class Hypotheses:
         self.x, self._damping, self.share = x[kept], damping[order], np.exp(-cost[kept])
         self.share /= self.share.sum()
         self.pose_error = dipole.likely_pose_error(fit, int(order[0]), self.readings)
-        self.places = self.x[:, :3]
         each = _CAUTION * np.linalg.inv(fit.information[order])
         self._yaw_sigma = math.sqrt(each[0, 6, 6])
         self._spread(each[:, :2, :2])
@@ -162,7 +167,7 @@ class Hypotheses:
         """Weigh the hypotheses under a drift, at their places in the frame reported now."""
         self.readings = self._evidence.readings(self.cause)
         self.drifts = fitted_again(self.x, self.drifts, self.readings, self.cause.drift_m)
-        self.x, self.places = (np.array(column) for column in zip(*((d.x, d.now) for d in self.drifts), strict=True))
+        self.x = np.array([one.x for one in self.drifts])
         self._damping = np.full(len(self.x), 0.01)
         self.share = np.exp([self.drifts[0].cost - d.cost for d in self.drifts])
         self.share /= self.share.sum()

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.search.strategies import dipole
-from arva_hil.search.strategies.drift import DRIFTS_M, WHITE_M, DriftFit, Errors, fitted
+from arva_hil.search.strategies.drift import DRIFTS_M, WHITE_M, DriftFit, ErrorSizes, fitted
 from arva_hil.search.strategies.strategy import Observation, Position
 
 _LAGS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)
@@ -193,7 +193,7 @@ class History:
         there = near.readings if near and near.cause.lag_s == cause.lag_s else self.readings(cause)
         if near is not None:
             one = near.best
-            return _drifts(cause, there, fitted(one.x[None], there, Errors(drift_m), _MORE_ROUNDS, [one]))
+            return _drifts(cause, there, fitted(one.x[None], there, ErrorSizes(drift_m), _MORE_ROUNDS, [one]))
         error = max(0.3, drift_m)
         nearest = min((o for o in self._read if o.time_s >= cause.since_s), key=_distance, default=self._read[-1])
         position, _ = self.at(nearest.time_s - nearest.age_s - cause.lag_s)
@@ -210,10 +210,10 @@ class History:
                 error = dipole.likely_pose_error(fit, int(best[0]), there, dipole.WIDE)
         if drift_m:
             begin = np.concatenate([given, x])
-            rough = sorted(fitted(begin, there, Errors(drift_m), _SOME_ROUNDS), key=lambda one: one.cost)[:_FEWER]
+            rough = sorted(fitted(begin, there, ErrorSizes(drift_m), _SOME_ROUNDS), key=lambda one: one.cost)[:_FEWER]
             better = np.array([one.x for one in rough])
-            return _drifts(cause, there, fitted(better, there, Errors(drift_m), _MORE_ROUNDS, rough))
-        (one,), costs = fitted(x[:1], there, Errors(white_m=error), 0), fit.cost[best]
+            return _drifts(cause, there, fitted(better, there, ErrorSizes(drift_m), _MORE_ROUNDS, rough))
+        (one,), costs = fitted(x[:1], there, ErrorSizes(white_m=error), 0), fit.cost[best]
         surprise = 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
         cost = one.cost + surprise + _ODD * (cause != NOTHING)
         return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
