@@ -314,7 +314,7 @@ class Estimate:
         """
         before, self._candidate, self._course.goal = self._candidate, candidate, candidate.goal
         near, after_s = math.dist(o.position[:2], candidate.goal) < _NEAR_M, o.time_s - self._above_s
-        sigma = max(sigma_of(one.now_covariance) or 0.0 if one else math.inf for one in (before, candidate))
+        sigma = max(sigma_of(one and one.now_covariance) or math.inf for one in (before, candidate))
         known = sigma < _KNOWN_M * max(1.0, after_s / _PATIENCE_S)
         if (near and known) or after_s > _LONGEST_S + _REACH_S:
             self._found, self._circle = candidate, None
