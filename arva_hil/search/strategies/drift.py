@@ -30,8 +30,13 @@ _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
 _SCALES: Final = (1.0, 0.5, 0.25)  # sizes of all errors that are tried, as shares of those assumed
 _DISCOUNT: Final = 3.0  # divides the evidence of the readings: their errors are less independent than in the fit
-_CAUTION: Final = 1.8  # times the covariance, for the same reason
 _LIKELY: Final = 0.003  # least share of errors that are tried again
+# Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; a share of the field by
+# cos 2δ, and an angle by sin 2δ [rad], of unequal antennas; the power of d.
+_LATE_S: Final = 0.3
+_UNEQUAL: Final = (0.07, 0.1)
+_LAW: Final = 0.05
+_LAW_M: Final = 3.0  # the law is right here
 
 Array = NDArray[np.float64]
 
@@ -45,19 +50,19 @@ class ErrorSizes(NamedTuple):
     """Sigma of the other errors of a place."""
     times_s: tuple[float, float] = _SLOW_S
     """Correlation time of the drift, and time constant of its filter."""
-    late_s: float = 0.0
-    """Sigma of the delay of all readings together, and of each."""
+    receiver: float = 0.0
+    """Sizes of the receiver's own errors, in usual ones: 0 for one without."""
 
 
 ANY: Final = tuple(
-    ErrorSizes(drift_m, white_m, (tau_s, _AT_ONCE_S), late_s)
+    ErrorSizes(drift_m, white_m, (tau_s, _AT_ONCE_S), receiver)
     for drift_m, tau_s, white_m in (
         *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
         *((drift_m, 600.0, white_m) for drift_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
         *((drift_m, 100.0, 0.1) for drift_m in (0.3, 1.0)),
         *((drift_m, tau_s, 0.1) for drift_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
     )
-    for late_s in (0.0, 0.3)
+    for receiver in (0.0, 1.0)
 )
 
 
@@ -88,10 +93,13 @@ class _Linear(NamedTuple):
     left: Array  # (M,) solved by `each`: the error there
 
 
-def _linear(fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array, late_m: Array) -> _Linear:
+def _linear(
+    fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array, late_m: Array, receiver: Array
+) -> _Linear:
     """Return hypothesis k of a fit, linear.
 
     `alike`: covariance (2N, 2N) of the drifts at the readings of two parts. `late_m`: the way (3, N) flown in a delay.
+    `receiver`: its errors (C, 2N) by some causes.
     """
     used = np.flatnonzero(fit.weight[k])
     of, j = used // 2, fit.slopes[k][:, used]
@@ -100,7 +108,8 @@ def _linear(fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array,
     e = fit.error[k, used] - np.add.reduce(j[:3] * drift[:, of])
     each = (j[:3].T @ j[:3]) * (alike if len(of) == len(alike) else alike[used[:, None], used])
     late = np.add.reduce(j[:3] * late_m[:, of])
-    each += late[:, None] * late
+    together = np.vstack([late, receiver[:, used]])
+    each += together.T @ together
     each.ravel()[:: len(of) + 1] += exact * tail + late**2
     solved = np.linalg.solve(each, np.column_stack([j.T, e]))
     information, gradient = j @ solved[:, :7] + dipole.RIDGE, j @ solved[:, 7]
@@ -127,7 +136,8 @@ def fitted(
     alike = variance * _alike(o.time_s[:, None] - o.time_s, errors.times_s)
     newest = variance * _alike(o.time_s - o.time_s[1:].max(initial=0.0) - ahead_s, errors.times_s)
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is the prior
-    late_m = np.zeros((3, n)) if velocity is None else errors.late_s * velocity
+    late_m = np.zeros((3, n)) if velocity is None else errors.receiver * _LATE_S * velocity
+    receiver = errors.receiver * _of_receiver(o)
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
     there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, n))
     for k, before in enumerate(near):
@@ -138,7 +148,7 @@ def fitted(
         there.at = o.at - drift[numbers]
         fit = dipole.evaluate(x[numbers], there, errors.white_m)
         for row, k in enumerate(numbers):
-            one = _linear(fit, row, drift[k], errors.white_m, both, late_m)
+            one = _linear(fit, row, drift[k], errors.white_m, both, late_m, receiver)
             if going[k] <= 0:
                 fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, variance, o.time_s)
                 del going[k]
@@ -150,6 +160,15 @@ def fitted(
             drift[k] += share * moved
             going[k] = 0 if max(far, float(np.abs(moved).max())) < _SETTLED_M else going[k] - 1
     return [fits[k] for k in range(len(x))]
+
+
+def _of_receiver(o: dipole.DipoleReadings) -> Array:
+    """Return the errors (3, 2N) of readings by unequal antennas, and by another law of d, one sigma of each."""
+    turn = np.where(o.inner, 0, np.exp(-2j * o.said.imag))
+    of_d, of_delta = _UNEQUAL
+    errors = np.array([of_d * turn.real, 1j * of_delta * turn.imag, -_LAW * (o.said.real + 3 * math.log(_LAW_M))])
+    errors[:, 0] = 0  # number 0 is the prior
+    return errors.view(float)
 
 
 def _settled(x: Array, drift: Array, one: _Linear, newest: Array, variance: float, time_s: Array) -> DriftFit:
@@ -222,7 +241,7 @@ def place_now(
     off = places - (north, east)
     each_now = np.array([one.now_covariance[:2, :2] + each.white_m**2 * np.eye(2) for each, one in every])
     covariance = np.einsum("k,kij->ij", np.square(_SCALES) @ share, each_now) + (of_fit * off.T) @ off
-    (nn, ne), (_, ee) = (_CAUTION * covariance).tolist()
+    (nn, ne), (_, ee) = covariance.tolist()
     of_errors = Counter[ErrorSizes]()
     for (each, _), one_share in zip(every, of_fit.tolist(), strict=True):
         of_errors[each] += one_share
