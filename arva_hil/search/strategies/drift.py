@@ -2,7 +2,8 @@
 
 While the search flies, the drift on each axis is a slow random process, low-pass filtered as by an estimator. Errors of
 readings close in time are alike; errors over a minute average out. The place reported at the end is that under drifts
-of all speeds, from seconds to 20 minutes; a constant offset does not change the place relative to the vehicle.
+of all speeds, from seconds to 20 minutes, with an exact receiver and with one that is late, has unequal antennas and
+another law of d. A constant offset does not change the place relative to the vehicle.
 """
 
 from __future__ import annotations
@@ -222,8 +223,8 @@ def place_now(
     """Return the place of a transmitter in the frame reported now.
 
     `x`: hypotheses (K, 7), the best first. `near`: their fits, if they follow a drift; the best one begins also
-    without. `ahead_s`, `velocity`: as in `fitted`. `errors`: drifts and delays of all sizes, which count by their
-    likelihood. All errors of a fit may be smaller than assumed; then the fit is the same.
+    without. `ahead_s`, `velocity`: as in `fitted`. `errors`: of all sizes, which count by their likelihood. All errors
+    of a fit may be smaller than assumed; then the fit is the same.
     """
     few = _far_apart(x[:, :3])[: _FEW - 1]
     begin, followed = x[few], list[DriftFit]()
