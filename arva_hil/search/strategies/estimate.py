@@ -57,8 +57,9 @@ _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
-_DRIFT_CAUTION: Final = 2.0  # times the covariance now under a drift
-_FARTHER_M: Final = 1.0  # sigma added under the largest drift, which may be a larger one
+_NOW_CAUTION: Final = (1.3, 2.5)  # times the covariance of the place now: usually, and if a drift is known or likely
+_WANDERS_M: Final = 0.45  # with a larger pose error and no drift, the places wander as no drift that is tried
+_FARTHER_M: Final = 1.0  # sigma added then, and under the largest drift, which may be a larger one
 _REPORT_S: Final = 0.5  # time between two readings that may report a place
 _KNOWN_M: Final = 0.25  # report a place whose sigma is less now
 _PATIENCE_S: Final = 120.0  # time from the first hover after which that sigma grows
@@ -127,8 +128,8 @@ class Hypotheses:
         readings, lag_s = self._evidence.readings(self.cause), self.cause.lag_s
         velocity, ahead_s = self._evidence.velocity(readings.time_s - lag_s), time_s - self._evidence.newest_s + lag_s
         place, (nn, ne, ee), self._errors = place_now(self.x, readings, self.drifts, ahead_s, velocity, self._errors)
-        times = _DRIFT_CAUTION if self.cause.drift_m else 1.0
-        more = _FARTHER_M**2 if self.cause.drift_m == max(DRIFTS_M) else 0.0
+        times = _NOW_CAUTION[bool(self.cause.drift_m) or self.pose_error > _ODD_M]
+        more = _FARTHER_M**2 if self.cause.drift_m == max(DRIFTS_M) or self.pose_error > _WANDERS_M else 0.0
         return found._replace(now=place, now_covariance=(times * nn + more, times * ne, times * ee + more))
 
     def seed(self, o: Observation) -> None:
