@@ -36,6 +36,7 @@ from arva_hil.search.strategies.agreement import Evidence, beginning
 from arva_hil.search.strategies.circle import RADIUS_M, Circle
 from arva_hil.search.strategies.dipole import Array
 from arva_hil.search.strategies.drift import (
+    ANY,
     DriftFit,
     ErrorSizes,
     PlaceNow,
@@ -136,7 +137,7 @@ def test_one_certain_reading_among_uncertain_ones_reports_no_place(
     assert flight.error_m < 0.3
 
 
-def test_a_place_under_the_largest_drift_is_not_certain() -> None:
+def test_a_place_is_not_certain_under_the_largest_drift_or_if_places_wander_without_one() -> None:
     evidence = Evidence()
     for k in range(24):
         at = np.array([*circle(k), -3.0])
@@ -144,8 +145,13 @@ def test_a_place_under_the_largest_drift_is_not_certain() -> None:
         evidence.add(Observation(k, tuple(at), np.eye(3), round(100 * d), round(math.degrees(delta)), False))
     dipoles = estimate.Hypotheses(evidence)
     dipoles.x = np.array([[*PLACE, *MOMENT, 0.0]])
-    for drift_m, least_m, most_m in ((1.0, 0.0, 0.3), (3.0, 1.0, 1.3)):
-        dipoles.cause = Cause(drift_m=drift_m)
+    for drift_m, pose_error, least_m, most_m in (
+        (1, 0.1, 0, 0.3),
+        (3, 0.1, 1, 1.3),
+        (0, 0.1, 0, 0.1),
+        (0, 0.5, 1, 1.1),
+    ):
+        dipoles.cause, dipoles.pose_error = Cause(drift_m=drift_m), pose_error
         assert least_m < (sigma_of(dipoles.now(Found(0.0, 0.0), 23.0).now_covariance) or 0.0) < most_m
 
 
@@ -269,20 +275,22 @@ def slow(rng: np.random.Generator, sigma_m: float, tau_s: float, count: int) -> 
     return at
 
 
-def heard(at: NDArray[np.float64]) -> tuple[float, float]:
+def heard(at: NDArray[np.float64], y_gain: float = 1.0, power: float = 1.0) -> tuple[float, float]:
     """d [m] and δ [rad] of a level receiver that looks north, rounded as the receiver shows them."""
     r = at - PLACE
     n = r / np.linalg.norm(r)
-    h = (3 * (MOMENT @ n) * n - MOMENT) / np.linalg.norm(r) ** 3
-    return round(math.hypot(h[0], h[1]) ** (-1 / 3), 2), round(math.atan2(h[1], h[0]), 2)
+    h = (3 * (MOMENT @ n) * n - MOMENT) / np.linalg.norm(r) ** 3 * (1, y_gain, 1)
+    return round(math.hypot(h[0], h[1]) ** (-power / 3), 2), round(math.atan2(h[1], h[0]), 2)
 
 
-def readings_on(way: Callable[[int], tuple[float, float]], drift: NDArray[np.float64]) -> dipole.DipoleReadings:
+def readings_on(
+    way: Callable[[int], tuple[float, float]], drift: NDArray[np.float64], *receiver: float
+) -> dipole.DipoleReadings:
     """Those at north and east of each reading, 3 m high, at the places reported under a drift."""
     readings = dipole.DipoleReadings()
     for k, error in enumerate(drift):
         at = np.array([*way(k), -3.0])
-        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+        readings.add((at + error).tolist(), np.eye(3), *heard(at, *receiver), False, EVERY_S * k)
     return readings
 
 
@@ -321,6 +329,19 @@ def test_readings_that_agree_better_than_assumed_make_the_uncertainty_smaller() 
     assert math.dist(place, PLACE[:2]) < 0.01
     assert (sigma_of(covariance) or 0.0) < 0.04
     assert not any(each.drift_m > 1.0 for each in likely)
+
+
+@pytest.mark.parametrize(("y_gain", "power"), [(0.75, 1.0), (1.2, 1.0), (1.0, 0.92), (1.0, 1.08)])
+def test_the_place_is_right_though_antennas_are_unequal_or_d_has_another_law(y_gain: float, power: float) -> None:
+    def way(k: float) -> tuple[float, float]:
+        """From the north, and then along a circle."""
+        return (8.0 - 0.5 * k, 0.3) if k < 12 else circle(k)
+
+    readings = readings_on(way, np.zeros((30, 3)), y_gain, power)
+    place, covariance, _ = now(readings, PLACE)
+    exact, *_ = now(readings, PLACE, errors=[each for each in ANY if not each.receiver])
+    assert math.dist(place, PLACE[:2]) < math.dist(exact, PLACE[:2])
+    assert math.dist(place, PLACE[:2]) < 2 * (sigma_of(covariance) or 0.0) < 0.4
 
 
 def test_readings_that_are_late_by_a_part_of_a_frame_do_not_move_the_place() -> None:
