@@ -934,6 +934,14 @@ def test_farther_from_a_transmitter_the_same_reading_is_of_more_places(d: int, s
     assert after((numbered(0, far), 0.0), (numbered(1, far), same_m + 0.1)).whole.old
 
 
+def test_above_a_transmitter_the_same_d_without_a_direction_is_of_more_places() -> None:
+    """d is shown in 10 cm, and is the same on both sides; a search that hovers there gets no other."""
+    near = Channel(1, INNER, 260, 0)
+    hovering = [(numbered(n, near), min(0.8 * n, 2.4)) for n in range(30)]
+    assert (after(*hovering).whole.old, after(*hovering).whole.stuck) == (False, False)
+    assert after((numbered(0, near), 0.0), (numbered(1, near), 2.6)).whole.old
+
+
 def test_the_same_reading_for_long_off_the_place_where_it_was_right_is_stuck() -> None:
     """A search that believes itself above the transmitter hovers there."""
     places = [0.0, 0.6, 1.2, 1.3, 1.3, 1.3, 1.3, 1.3]

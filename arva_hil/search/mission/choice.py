@@ -36,6 +36,7 @@ _SAME_FRAMES: Final = 3  # at least
 _OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance
 _OLD: Final = 0.1  # or this share of d, because far from a transmitter a reading changes little
 _OLDEST_M: Final = 1.5  # but at most for this distance
+_BOTH_SIDES_M: Final = 2.5  # a reading without a direction: d is the same on both sides of a transmitter
 _STUCK_M: Final = 3.0
 _STUCK_S: Final = 5.0  # because a search hovers where it expects the transmitter
 
@@ -73,7 +74,9 @@ class SameReading:
         self.old = self.stuck = False
         self.moved_m = 0.0
         self._at = at
-        self._old_m = min(max(_OLD_M, _OLD * min((c.d for c in channels), default=0) / 100), _OLDEST_M)
+        share = _OLD * min((c.d for c in channels), default=0) / 100
+        directed = any(c.zone != INNER for c in channels)
+        self._old_m = min(max(_OLD_M, share), _OLDEST_M) if directed else _BOTH_SIDES_M
         self._old_since = math.inf
         self._frames = 0
 
