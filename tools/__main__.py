@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import os
 import sys
 from pathlib import Path
 
@@ -11,7 +12,7 @@ PROGRAMS = {
     "bench": "tools.bench.speed",
     "bench house": "tools.bench.house",
     "bench finds": "tools.bench.finds",
-    "bench worlds": "tools.measure_worlds",
+    "bench worlds": "tools.bench.worlds",
     "figures paper": "tools.figures.paper",
     "figures receivers": "tools.figures.receivers",
     "figures pulses": "tools.figures.pulses",
@@ -36,6 +37,7 @@ PROGRAMS = {
 
 def main() -> int | None:
     words = sys.argv[1:]
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of two threads on a busy core, one waits and burns CPU
     for count in (2, 1):
         name = " ".join(words[:count])
         if module := PROGRAMS.get(name):

@@ -7,10 +7,6 @@ are added to a file, a line each, and what is in the file already is not compute
 
 from __future__ import annotations
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: of two threads on a busy core, one waits and burns CPU
-
 import argparse
 import json
 import tempfile

@@ -1,6 +1,6 @@
 """Prints how honest the two ± of a search are, in worlds that no hypothesis of `estimate` covers.
 
-    python tools/measure_worlds.py [WORLD…] [--runs 12] [--first 1] [--jobs 2] [--verbose]
+    python -m tools bench worlds [WORLD…] [--runs 12] [--first 1] [--jobs 2] [--verbose]
 
 The worlds beginning with any_ and `anything` are drawn by families of their own: pose errors of steps, ramps, waves and
 walks, other displays, other noise, other moments and antennas. Errors are horizontal: of the position on Earth, and of
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import random
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,7 +18,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: of two threads on a busy core, one waits and burns CPU
 import numpy as np
 
 from arva_hil.campaign.plan import draw
