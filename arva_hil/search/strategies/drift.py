@@ -56,12 +56,13 @@ class ErrorSizes(NamedTuple):
 
 
 ANY: Final = tuple(
-    ErrorSizes(drift_m, white_m, (tau_s, _AT_ONCE_S), receiver)
-    for drift_m, tau_s, white_m in (
-        *((0.0, 600.0, white_m) for white_m in (0.03, 0.1, 0.3)),
-        *((drift_m, 600.0, white_m) for drift_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
-        *((drift_m, 100.0, 0.1) for drift_m in (0.3, 1.0)),
-        *((drift_m, tau_s, 0.1) for drift_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
+    ErrorSizes(drift_m, white_m, times_s, receiver)
+    for drift_m, times_s, white_m in (
+        *((0.0, _SLOW_S, white_m) for white_m in (0.03, 0.1, 0.3)),
+        *((drift_m, _SLOW_S, 0.1) for drift_m in DRIFTS_M),
+        *((drift_m, (600.0, _AT_ONCE_S), white_m) for drift_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
+        *((drift_m, (100.0, _AT_ONCE_S), 0.1) for drift_m in (0.3, 1.0)),
+        *((drift_m, (tau_s, _AT_ONCE_S), 0.1) for drift_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
     )
     for receiver in (0.0, 1.0)
 )
