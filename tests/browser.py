@@ -78,7 +78,7 @@ class Tab:
         self.page.goto("about:blank")
         for event, hear in self._heard.items():
             self.page.remove_listener(event, hear)
-        assert self.errors == []
+        assert self.errors == [], self.errors
         assert [url for url in self.asked if not url.startswith((*self._opened, "data:"))] == []
 
     def _hear(self, message: Any) -> None:
