@@ -315,9 +315,6 @@ def now(readings: dipole.DipoleReadings, place: Array, **others: Any) -> PlaceNo
     return place_now(np.array([[*place, *MOMENT, 0.0]]), readings, (), 0.0, **others)
 
 
-LEAST_CAUTION = 1.3  # times the covariance when `estimate` reports it
-
-
 def circle(k: float) -> tuple[float, float]:
     """North and east on a circle, at the time of reading k."""
     return 1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k)
@@ -373,7 +370,7 @@ def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed
         drift = slow(rng, sigma_m, tau_s, 24)
         readings = readings_on(lambda k: ((8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k)), drift)
         place, covariance, _ = now(readings, PLACE + drift.mean(axis=0))
-        sigma = math.sqrt(LEAST_CAUTION) * (sigma_of(covariance) or 0.0)
+        sigma = math.sqrt(estimate.NOW_CAUTION) * (sigma_of(covariance) or 0.0)
         shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / sigma)
         assert sigma < most_m
     assert max(shares) < 3.0
@@ -386,8 +383,8 @@ def test_a_fit_that_has_followed_a_wrong_drift_does_not_keep_the_place(seed: int
     readings = readings_on(lambda k: (1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k)), drift)
     beside = np.array([[*(PLACE + off + drift.mean(axis=0)), *MOMENT, 0.0]])
     (wrong,) = fitted(beside, readings, ErrorSizes(3.0), 20)
-    place, covariance, _ = place_now(wrong.x[None], readings, [wrong], 0.0, np.zeros((3, 41)))
-    assert math.dist(place, (PLACE + drift[-1])[:2]) < max(1.5, 2 * (sigma_of(covariance) or 0.0))
+    place, *_ = place_now(wrong.x[None], readings, [wrong], 0.0, np.zeros((3, 41)))
+    assert math.dist(place, (PLACE + drift[-1])[:2]) < 1.5
     assert min(one.cost for one in fitted_beside(wrong.x, readings, 3.0)) < wrong.cost
 
 

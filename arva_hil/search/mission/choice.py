@@ -74,9 +74,10 @@ class SameReading:
         self.old = self.stuck = False
         self.moved_m = 0.0
         self._at = at
-        share = _OLD * min((c.d for c in channels), default=0) / 100
-        directed = any(c.zone != INNER for c in channels)
-        self._old_m = min(max(_OLD_M, share), _OLDEST_M) if directed else _BOTH_SIDES_M
+        if any(c.zone != INNER for c in channels):
+            self._old_m = min(max(_OLD_M, _OLD * min(c.d for c in channels) / 100), _OLDEST_M)
+        else:
+            self._old_m = _BOTH_SIDES_M
         self._old_since = math.inf
         self._frames = 0
 

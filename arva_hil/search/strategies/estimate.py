@@ -57,7 +57,8 @@ _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
-_NOW_CAUTION: Final = (1.3, 2.5)  # times the covariance of the place now: usually, and if a drift is known or likely
+NOW_CAUTION: Final = 1.3  # times the covariance of the place now
+_DRIFT_CAUTION: Final = 2.5  # the same if a drift is known or likely
 _WANDERS_M: Final = 0.45  # with a larger pose error and no drift, the places wander as no drift that is tried
 _FARTHER_M: Final = 1.0  # sigma added then, and under the largest drift, which may be a larger one
 _REPORT_S: Final = 1.0  # time between two readings that may report a place
@@ -128,8 +129,9 @@ class Hypotheses:
         readings, lag_s = self._evidence.readings(self.cause), self.cause.lag_s
         velocity, ahead_s = self._evidence.velocity(readings.time_s - lag_s), time_s - self._evidence.newest_s + lag_s
         place, (nn, ne, ee), self._errors = place_now(self.x, readings, self.drifts, ahead_s, velocity, self._errors)
-        times = _NOW_CAUTION[bool(self.cause.drift_m) or self.pose_error > _ODD_M]
-        more = _FARTHER_M**2 if self.cause.drift_m == max(DRIFTS_M) or self.pose_error > _WANDERS_M else 0.0
+        drift_m, error_m = self.cause.drift_m, self.pose_error
+        times = _DRIFT_CAUTION if drift_m or error_m > _ODD_M else NOW_CAUTION
+        more = _FARTHER_M**2 if drift_m == max(DRIFTS_M) or error_m > _WANDERS_M else 0.0
         return found._replace(now=place, now_covariance=(times * nn + more, times * ne, times * ee + more))
 
     def seed(self, o: Observation) -> None:
