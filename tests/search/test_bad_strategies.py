@@ -366,6 +366,25 @@ def test_one_that_fails_is_named_with_its_error(does: Callable[[], Any], said: s
     assert failed.endswith(CURE)
 
 
+def test_its_exit_code_is_reported_although_its_pipe_ends_before() -> None:
+    reader, writer = os.pipe()
+
+    def ends_slowly() -> None:
+        os.closerange(3, reader)
+        os.closerange(reader + 1, 256)
+        os.read(reader, 1)
+        os._exit(3)
+
+    with process(ends_slowly) as worker:
+        worker.send([(Analysis.steer, 1.0, AT)])
+        assert worker._pipe.poll(WITHIN_S)
+        assert worker.receive() is None
+        os.write(writer, b"now")
+        assert "its process has ended (exit code 3)" in answer(worker).failed
+    os.close(reader)
+    os.close(writer)
+
+
 def test_it_counts_the_time_without_a_processor() -> None:
     with process(lambda: (0.5, 0.0)) as worker:
         before = worker.starved_s

@@ -250,9 +250,9 @@ def silent(took_s: float) -> str:
     return f"the strategy has failed: it has not answered for {took_s:.1f} s; {_CURE}"
 
 
-def killed(exit_code: int | None) -> str:
+def killed(exit_code: int) -> str:
     """Return the outcome of a search whose strategy process has ended or was killed by a signal."""
-    why = f"signal {-exit_code}" if exit_code and exit_code < 0 else f"exit code {exit_code}"
+    why = f"signal {-exit_code}" if exit_code < 0 else f"exit code {exit_code}"
     return f"the strategy has failed: its process has ended ({why}); {_CURE}"
 
 

@@ -45,8 +45,8 @@ class StrategyProcess:
                 return None
             answer: AnalysisResult = pickle.loads(self._pipe.recv_bytes())
         except (EOFError, OSError):
-            self._process.join(0.0)
-            return AnalysisResult(failed=killed(self._process.exitcode))
+            code = self._process.exitcode  # None: it has not ended yet, only its pipe
+            return None if code is None else AnalysisResult(failed=killed(code))
         return answer
 
     @property
