@@ -16,7 +16,16 @@ from scipy.spatial.transform import Rotation
 from arva_hil.model.field import Transmitters
 from arva_hil.model.receiver import Antennas, Zone
 from arva_hil.search.strategies.agreement import Evidence
-from arva_hil.search.strategies.dipole import MOST, DipoleReadings, Reading, evaluate, likely_pose_error, refine, seeds
+from arva_hil.search.strategies.dipole import (
+    MOST,
+    DipoleReadings,
+    Fit,
+    Reading,
+    evaluate,
+    likely_pose_error,
+    refine,
+    seeds,
+)
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum, minimum
 from arva_hil.search.strategies.flux import Cross, Flux, middle
@@ -452,6 +461,23 @@ def test_its_derivatives_are_those_of_its_errors(inner: bool) -> None:
         difference = np.remainder(difference + math.pi / 2, math.pi) - math.pi / 2  # over the edge at ±90°
         gradient = np.sum(now.weight * now.error * difference, axis=1) / (2 * step)
         assert now.gradient[:, i] == pytest.approx(gradient, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("inner", [False, True])
+def test_its_slopes_over_roll_and_pitch_are_those_of_its_errors(inner: bool) -> None:
+    rng, step = np.random.default_rng(2), 1e-6
+    at, attitudes, x = rng.uniform(-20, 20, (20, 3)), Rotation.random(20, rng), hypotheses(rng, 3)
+
+    def fit(rolled: float = 0.0, pitched: float = 0.0) -> Fit:
+        o = DipoleReadings()
+        for place, matrix in zip(at, (attitudes * Rotation.from_rotvec([rolled, pitched, 0])).as_matrix(), strict=True):
+            o.add(place, matrix, 10.0, 0.0, inner)
+        return evaluate(x, o, 0.1)
+
+    for i, aside in enumerate(((step, 0.0), (0.0, step))):
+        difference = fit(*aside).error - fit(*(-one for one in aside)).error
+        difference = np.remainder(difference + math.pi / 2, math.pi) - math.pi / 2  # over the edge at ±90°
+        assert fit().leaning[:, i] == pytest.approx(difference / (2 * step), rel=1e-4, abs=1e-4)
 
 
 def test_the_moment_and_its_opposite_sound_alike() -> None:

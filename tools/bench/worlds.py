@@ -3,8 +3,9 @@
     python -m tools bench worlds [WORLD…] [--runs 12] [--first 1] [--jobs 2] [--verbose]
 
 The worlds beginning with any_ and `anything` are drawn by families of their own: pose errors of steps, ramps, waves and
-walks, other displays, other noise, other moments and antennas. Errors are horizontal: of the position on Earth, and of
-the vector from the drone to the place at the end of the search. Median, worst, median ±, and shares inside 1σ, 2σ, 3σ.
+walks, other displays, other noise, other mounts, moments and antennas. Errors are horizontal: of the position on Earth,
+and of the vector from the drone to the place at the end of the search. Median, worst, median ±, and shares inside 1σ,
+2σ, 3σ.
 """
 
 from __future__ import annotations
@@ -160,6 +161,12 @@ def _any_gps(seed: int) -> World:
     return World(_base(seed), AnyPoseError(seed, sigma, r.gauss(0, 5)))
 
 
+def _any_mount(seed: int) -> World:
+    r = random.Random(f"mount {seed}")
+    attitude = round(r.gauss(0, 2), 1), round(r.gauss(0, 2), 1), round(r.gauss(0, 6), 1)
+    return World(_base(seed, mount=MountOptions(attitude=attitude)))
+
+
 def _any_moment(seed: int) -> World:
     r = random.Random(f"moment {seed}")
     gains = round(r.uniform(0.7, 1), 2), round(r.uniform(0.7, 1), 2), round(r.uniform(0.7, 1), 2)
@@ -213,6 +220,7 @@ WORLDS: Final[dict[str, Callable[[int], World]]] = {
     "compass_10": _navigation(heading_deg=10.0),
     "rssi": lambda seed: World(_base(seed, "rssi")),
     "any_gps": _any_gps,
+    "any_mount": _any_mount,
     "any_moment": _any_moment,
     "any_display": _any_display,
     "any_noise": _any_noise,

@@ -33,8 +33,8 @@ _ONE: Final = np.eye(7)
 _NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
 _ANY: Final = 1.0  # of a reading without information
 _ROUNDING: Final = (0.01**2, 0.02**2)  # of d and of δ, with unknown causes
-_TILT: Final = 0.03**2  # of the receiver's attitude
 _SILENCE: Final = (50.0, 0.1**2)  # the limit of reception [m], and its width
+TILT: Final = 0.03  # sigma of the receiver's attitude, rad
 TAIL: Final = 9.0  # variances; larger squared errors have less and less weight
 
 _POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # possible sigmas of the receiver's place, m
@@ -137,6 +137,7 @@ class DipoleReadings:
     def _show(self, n: int) -> None:
         at, axis, self.said, self.inner, told, limit, self.variance, self.time_s = (column[:n] for column in self._all)
         self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # so sums over 3 are fast
+        self.down = np.cross(self.axis.real, self.axis.imag, axis=0)
         gains = self._antennas[0]
         if gains != (1.0, 1.0):
             (x, y), (miss_x, miss_y) = gains, (math.sqrt(1 - gain**2) for gain in gains)
@@ -173,12 +174,13 @@ class Fit(NamedTuple):
     slope: Array  # (K, M) squared slope of the error over the receiver's place, 1/m²
     variance: Array  # (K, M) of the error, if the receiver's place were exact
     slopes: Array  # (K, 7, M) of the error over x
+    leaning: Array  # (K, 2, M) of the error over the receiver's roll and pitch, 1/rad
 
 
-def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
+def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT) -> Fit:
     """Compare hypotheses (K, 7) with readings, which may be at other places (K, 3, N) for each.
 
-    `pose_error`: sigma of the receiver's place on each axis [m].
+    `pose_error`, `tilt`: sigmas of the receiver's place on each axis [m], and of its attitude [rad]; both by chance.
     """
     m, r = x[:, 3:6, None], o.at - x[:, :3, None]
     rho2 = np.maximum(_dot(r, r), _NEAREST**2)
@@ -211,7 +213,10 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
 
     e, j = error.view(float), slopes.view(float)
     slope = np.add.reduce(j[:, :3] ** 2, axis=1)
-    variance = (_TILT * hidden[:, 0]).repeat(2, axis=1) + o.variance.ravel()
+    across = np.where(o.inner, 0, _dot(o.down, h) / z)
+    leaning = np.concatenate([1j * across, -across], axis=1).view(float)
+    leaning[:, :, :2] = 0
+    variance = (tilt**2 * hidden[:, 0]).repeat(2, axis=1) + o.variance.ravel()
     total = pose_error**2 * slope + variance
     squared = e**2 / total
     tail = 1 + squared / TAIL
@@ -224,7 +229,7 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
     information = weighted @ j.transpose(0, 2, 1) + RIDGE
     gradient = (weighted @ e[:, :, None])[:, :, 0]
     gradient[:, 6] += _YAW * x[:, 6]
-    return Fit(x, cost, information, gradient, e, weight, slope, variance, j)
+    return Fit(x, cost, information, gradient, e, weight, slope, variance, j, leaning)
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, rounds: int) -> tuple[Fit, Array]:

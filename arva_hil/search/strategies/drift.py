@@ -3,14 +3,13 @@
 While the search flies, the drift on each axis is a slow random process, low-pass filtered as by an estimator. Errors of
 readings close in time are alike; errors over a minute average out. The place reported at the end is that under drifts
 of all speeds, from seconds to 20 minutes, with an exact receiver and with one that is late, has unequal antennas and
-another law of d. A constant offset does not change the place relative to the vehicle.
+another law of d. Either may lean by a few degrees. A constant offset does not change the place relative to the vehicle.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -30,14 +29,17 @@ _SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by
 _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
 _SCALES: Final = (1.0, 0.5, 0.25)  # sizes of all errors that are tried, as shares of those assumed
-_DISCOUNT: Final = 3.0  # divides the evidence of the readings: their errors are less independent than in the fit
-_LIKELY: Final = 0.003  # least share of errors that are tried again
+_DISCOUNT: Final = 2.5  # divides the evidence of the readings: their errors are less independent than in the fit
+_CAUTION: Final = 1.4  # times the covariance of a place under a drift, which is another one than those tried
+_LIKELY: Final = 0.003  # least share of a fit that is fitted again
 # Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; a share of the field by
 # cos 2δ, and an angle by sin 2δ [rad], of unequal antennas; the power of d.
 _LATE_S: Final = 0.3
 _UNEQUAL: Final = (0.07, 0.1)
 _LAW: Final = 0.05
 _LAW_M: Final = 3.0  # the law is right here
+_LEVEL: Final = 0.005  # sigma of the attitude of an exact receiver by chance, rad
+_MOUNT: Final = 0.03  # sigma of its roll and pitch against those of the vehicle, rad
 
 Array = NDArray[np.float64]
 
@@ -53,18 +55,22 @@ class ErrorSizes(NamedTuple):
     """Correlation time of the drift, and time constant of its filter."""
     receiver: float = 0.0
     """Sizes of the receiver's own errors, in usual ones: 0 for one without."""
+    tilt: float = dipole.TILT
+    """Sigma of its attitude, by chance [rad]."""
+    mount: float = 0.0
+    """Sigma of its roll and pitch against those of the vehicle [rad]."""
 
 
 ANY: Final = tuple(
-    ErrorSizes(drift_m, white_m, times_s, receiver)
+    ErrorSizes(drift_m, white_m, times_s, receiver, tilt, _MOUNT)
     for drift_m, times_s, white_m in (
-        *((0.0, _SLOW_S, white_m) for white_m in (0.03, 0.1, 0.3)),
+        *((0.0, _SLOW_S, white_m) for white_m in (0.01, 0.03, 0.1, 0.3)),
         *((drift_m, _SLOW_S, 0.1) for drift_m in DRIFTS_M),
         *((drift_m, (600.0, _AT_ONCE_S), white_m) for drift_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
         *((drift_m, (100.0, _AT_ONCE_S), 0.1) for drift_m in (0.3, 1.0)),
         *((drift_m, (tau_s, _AT_ONCE_S), 0.1) for drift_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
     )
-    for receiver in (0.0, 1.0)
+    for receiver, tilt in ((0.0, _LEVEL), (1.0, dipole.TILT))
 )
 
 
@@ -96,7 +102,7 @@ class _Linear(NamedTuple):
 
 
 def _linear(
-    fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array, late_m: Array, receiver: Array
+    fit: dipole.Fit, k: int, drift: Array, errors: ErrorSizes, alike: Array, late_m: Array, receiver: Array
 ) -> _Linear:
     """Return hypothesis k of a fit, linear.
 
@@ -105,12 +111,12 @@ def _linear(
     """
     used = np.flatnonzero(fit.weight[k])
     of, j = used // 2, fit.slopes[k][:, used]
-    exact = white_m**2 * fit.slope[k, used] + fit.variance[k, used]
+    exact = errors.white_m**2 * fit.slope[k, used] + fit.variance[k, used]
     tail = np.where(of, 1 + fit.error[k, used] ** 2 / (dipole.TAIL * exact), 1.0)
     e = fit.error[k, used] - np.add.reduce(j[:3] * drift[:, of])
     each = (j[:3].T @ j[:3]) * (alike if len(of) == len(alike) else alike[used[:, None], used])
     late = np.add.reduce(j[:3] * late_m[:, of])
-    together = np.vstack([late, receiver[:, used]])
+    together = np.vstack([late, receiver[:, used], errors.mount * fit.leaning[k][:, used]])
     each += together.T @ together
     each.ravel()[:: len(of) + 1] += exact * tail + late**2
     solved = np.linalg.solve(each, np.column_stack([j.T, e]))
@@ -148,9 +154,9 @@ def fitted(
     while going:
         numbers = list(going)
         there.at = o.at - drift[numbers]
-        fit = dipole.evaluate(x[numbers], there, errors.white_m)
+        fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.tilt)
         for row, k in enumerate(numbers):
-            one = _linear(fit, row, drift[k], errors.white_m, both, late_m, receiver)
+            one = _linear(fit, row, drift[k], errors, both, late_m, receiver)
             if going[k] <= 0:
                 fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, variance, o.time_s)
                 del going[k]
@@ -206,11 +212,11 @@ def fitted_beside(x: Array, o: dipole.DipoleReadings, drift_m: float) -> list[Dr
 
 
 class PlaceNow(NamedTuple):
-    """A place in the frame reported now, north and east, its covariance, and the errors that are likely."""
+    """A place in the frame reported now, north and east, its covariance, and the fits that are likely."""
 
     place: tuple[float, float]
     covariance: Covariance
-    likely: Sequence[ErrorSizes]
+    likely: Sequence[tuple[ErrorSizes, DriftFit]]
 
 
 def place_now(
@@ -219,35 +225,43 @@ def place_now(
     near: Sequence[DriftFit],
     ahead_s: float,
     velocity: Array,
-    errors: Sequence[ErrorSizes] = ANY,
+    likely: Sequence[tuple[ErrorSizes, DriftFit]] = (),
 ) -> PlaceNow:
     """Return the place of a transmitter in the frame reported now.
 
     `x`: hypotheses (K, 7), the best first. `near`: their fits, if they follow a drift; the best one begins also
-    without. `ahead_s`, `velocity`: as in `fitted`. `errors`: of all sizes, which count by their likelihood. All errors
-    of a fit may be smaller than assumed; then the fit is the same.
+    without. They are fitted with errors of all sizes, which count by their likelihood. All errors of a fit may be
+    smaller than assumed; then the fit is the same. `ahead_s`, `velocity`: as in `fitted`. `likely`: the fits that were
+    likely a reading before; only these are fitted again.
     """
-    few = _far_apart(x[:, :3])[: _FEW - 1]
-    begin, followed = x[few], list[DriftFit]()
-    if near:
-        begin, followed = np.concatenate([begin, x[:1]]), [near[i] for i in few]
+    begin = dict[ErrorSizes, list[DriftFit]]()
+    for errors, fit in likely:
+        begin.setdefault(errors, []).append(fit)
+    if likely:
+        tried = [(errors, np.array([fit.x for fit in fits]), fits) for errors, fits in begin.items()]
+    else:
+        few = _far_apart(x[:, :3])[: _FEW - 1]
+        first = np.concatenate([x[few], x[:1]]) if near else x[few]
+        tried = [(errors, first, [near[i] for i in few] if near else []) for errors in ANY]
     every = [
-        (each, one)
-        for each in errors
-        for one in _apart(fitted(begin, o, each, 2 * _ROUNDS, followed, ahead_s, velocity))
+        (errors, one)
+        for errors, first, fits in tried
+        for one in _apart(fitted(first, o, errors, 2 * _ROUNDS, fits, ahead_s, velocity))
     ]
     share = _shares([one for _, one in every])
     of_fit = share.sum(axis=0)
     places = np.array([one.now[:2] for _, one in every])
     north, east = (of_fit @ places).tolist()
     off = places - (north, east)
-    each_now = np.array([one.now_covariance[:2, :2] + each.white_m**2 * np.eye(2) for each, one in every])
+    each_now = np.array(
+        [
+            (_CAUTION if errors.drift_m else 1.0) * one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2)
+            for errors, one in every
+        ]
+    )
     covariance = np.einsum("k,kij->ij", np.square(_SCALES) @ share, each_now) + (of_fit * off.T) @ off
     (nn, ne), (_, ee) = covariance.tolist()
-    of_errors = Counter[ErrorSizes]()
-    for (each, _), one_share in zip(every, of_fit.tolist(), strict=True):
-        of_errors[each] += one_share
-    return PlaceNow((north, east), (nn, ne, ee), [each for each in errors if of_errors[each] > _LIKELY])
+    return PlaceNow((north, east), (nn, ne, ee), [every[i] for i in np.flatnonzero(of_fit > _LIKELY)])
 
 
 def _shares(fits: Sequence[DriftFit]) -> Array:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from . import dipole
 from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
-from .drift import ANY, DRIFTS_M, WHITE_M, DriftFit, ErrorSizes, fitted_again, fitted_beside, place_now
+from .drift import DRIFTS_M, WHITE_M, DriftFit, ErrorSizes, fitted_again, fitted_beside, place_now
 from .history import NOTHING, Explanation, Track
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, sigma_of, towards
 
@@ -57,8 +57,7 @@ _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
-NOW_CAUTION: Final = 1.3  # times the covariance of the place now
-_DRIFT_CAUTION: Final = 2.5  # the same if a drift is known or likely
+_DRIFT_CAUTION: Final = 2.0  # times the covariance of the place now if a drift is known or likely
 _WANDERS_M: Final = 0.45  # with a larger pose error and no drift, the places wander as no drift that is tried
 _FARTHER_M: Final = 1.0  # sigma added then, and under the largest drift, which may be a larger one
 _REPORT_S: Final = 1.0  # time between two readings that may report a place
@@ -88,7 +87,7 @@ class Hypotheses:
         self._evidence = evidence
         self._damping = np.empty(0)
         self._yaw_sigma = math.inf  # of the best one, rad
-        self._errors: Sequence[ErrorSizes] = ANY  # the likely ones
+        self._likely: Sequence[tuple[ErrorSizes, DriftFit]] = ()  # the fits of the place now
 
     def take(self, one: Explanation, o: Observation) -> None:
         """Replace the hypotheses by those of an explanation."""
@@ -121,16 +120,16 @@ class Hypotheses:
     def found(self, time_s: float) -> Found:
         """Return the place with that in the frame reported at a time, and the yaw of the receiver."""
         far = abs(self.x[0, 6]) > max(_TURNED, _TURNED_SIGMAS * self._yaw_sigma)
-        self._errors = ANY
+        self._likely = ()
         return self.now(self.settled, time_s)._replace(turned_deg=math.degrees(self.x[0, 6]) if far else None)
 
     def now(self, found: Found, time_s: float) -> Found:
         """Return a place found with that in the frame reported at a time."""
         readings, lag_s = self._evidence.readings(self.cause), self.cause.lag_s
         velocity, ahead_s = self._evidence.velocity(readings.time_s - lag_s), time_s - self._evidence.newest_s + lag_s
-        place, (nn, ne, ee), self._errors = place_now(self.x, readings, self.drifts, ahead_s, velocity, self._errors)
+        place, (nn, ne, ee), self._likely = place_now(self.x, readings, self.drifts, ahead_s, velocity, self._likely)
         drift_m, error_m = self.cause.drift_m, self.pose_error
-        times = _DRIFT_CAUTION if drift_m or error_m > _ODD_M else NOW_CAUTION
+        times = _DRIFT_CAUTION if drift_m or error_m > _ODD_M else 1.0
         more = _FARTHER_M**2 if drift_m == max(DRIFTS_M) or error_m > _WANDERS_M else 0.0
         return found._replace(now=place, now_covariance=(times * nn + more, times * ne, times * ee + more))
 
