@@ -175,7 +175,16 @@ sandbox.rc = by_name({
    has_valid_input = state("rc"),
 }, "get_aux_cached")
 
+-- Between the steps of the collector lupa may give the index of one Python object to another one: no step by itself.
+collectgarbage("stop")
+local function collect()
+   if collectgarbage("count") > 4000 then
+      collectgarbage()
+   end
+end
+
 local function limited(run, limit)
+   collect()
    local over = false
    local function hook()
       over = true
@@ -201,6 +210,7 @@ end
 
 -- gives a decoder of messages a chunk, as a driver does
 local function feed_messages(decoder, chunk, now)
+   collect()
    decoder.tell_time(now)
    for k = 1, #chunk do
       decoder.take(chunk:byte(k), now)
@@ -211,7 +221,7 @@ end
 local function chunk_port()
    local text, at = "", 0
    return {
-      put = function(chunk) text, at = chunk, 0 end,
+      put = function(chunk) collect() text, at = chunk, 0 end,
       read = function() at = at + 1 return text:byte(at) or -1 end,
    }
 end
