@@ -64,6 +64,7 @@ from arva_hil.records.reading import load
 from firmware_proto import Channel, Frame
 from tests.made_frames import frame_made
 from tests.made_records import write_search
+from tests.once import once
 
 HOME = (46.0, 7.0, 1650.0)
 
@@ -427,9 +428,11 @@ MAX = ("demo", "--headless", "--speed", "max")
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("viewer") / "record"
-    assert main([*MAX, "--fault", "drop=1@8-9.5", "--record", str(folder)]) == 0
-    return folder
+    return once(tmp_path_factory, "viewed", fly) / "record"
+
+
+def fly(folder: Path) -> None:
+    assert main([*MAX, "--fault", "drop=1@8-9.5", "--record", str(folder / "record")]) == 0
 
 
 @pytest.fixture
