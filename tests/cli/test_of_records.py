@@ -14,6 +14,7 @@ import pytest
 
 from arva_hil.campaign import results
 from arva_hil.campaign.results import row
+from arva_hil.cli import range_test
 from arva_hil.records.report import page
 from arva_hil.registry import EXPORTS
 from tests.campaign.fakes import fake, planned
@@ -220,6 +221,13 @@ def test_what_a_pipe_gets_is_what_a_file_gets(name: str, arva: Arva, start: Call
 # -- `arva-hil range-test`: a data sheet on stdout, and in a folder with its picture ---------------------------
 
 
+@pytest.fixture
+def few_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Along search strips, which take most of the time; tests/pages/test_command_lines.py flies all."""
+    monkeypatch.setattr(range_test, "_PASSES", 2)
+
+
+@pytest.mark.usefixtures("few_passes")
 def test_it_prints_a_sheet_and_leaves_it_with_a_table_and_a_picture_in_a_folder(arva: Arva, tmp_path: Path) -> None:
     _, out, err = arva("range-test", "--walks", 2, "--seed", 3, "--out", tmp_path / "sheet")
     assert out.startswith("range test of receiver: model paper, 1 Hz; scenario default scenario\n")
@@ -234,6 +242,7 @@ def test_it_prints_a_sheet_and_leaves_it_with_a_table_and_a_picture_in_a_folder(
     assert (tmp_path / "sheet" / "range-test.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("few_passes")
 def test_each_receiver_of_a_scenario_has_a_sheet_of_its_own(arva: Arva) -> None:
     out = arva("range-test", "--scenario", "builtin:two_vehicles", "--walks", 1, "--json").out
     sheets = [json.loads(line) for line in out.splitlines()]
