@@ -20,7 +20,7 @@ from firmware_proto import SYNTHETIC
 from tests.files import written
 from tests.said import says
 
-from .far_ends import Arva, Start, contents, frames_in, heartbeat, read_frames
+from .far_ends import Arva, Consumer, Start, contents, frames_in, heartbeat, read_frames
 
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 
@@ -61,11 +61,13 @@ def test_without_a_place_to_go_frames_are_lines_on_stdout(arva: Arva) -> None:
 def test_a_port_gets_the_frames_in_the_logs_rhythm_times_the_speed(start: Start, line: PtyLink) -> None:
     clock = RealClock()
     program = start("replay", LOG, "--port", line.path, "--speed", 20)
-    frames = read_frames(line, 26)
+    consumer = Consumer(line)
+    consumer.read(26)
     program.ends()
     assert clock.now() > 29 / 20  # the log's last frame is at 29 s
-    assert len(frames) + len(frames_in(line.read())) == frames_of(program.err)
-    assert frames[-1].channels[0].valid
+    consumer.read(frames_of(program.err) - len(consumer.frames))
+    assert len(consumer.frames) == frames_of(program.err)
+    assert consumer.frames[-1].channels[0].valid
 
 
 def test_json_is_one_object_a_frame(arva: Arva) -> None:
