@@ -159,7 +159,7 @@ class DipoleReadings:
             return np.zeros(len(x))
         off = self.at[..., :2, :] - x[:, :2, None]
         level: Array = self._ground[(off[:, 0] ** 2 + off[:, 1] ** 2).argmin(axis=1)]
-        return np.nan_to_num(level)
+        return np.where(np.isnan(level), 0.0, level)  # several times as fast as nan_to_num
 
 
 class Fit(NamedTuple):
