@@ -43,8 +43,7 @@ _AFRESH: Final = 5  # readings between two samples of hypotheses
 _LOST: Final = 6  # readings in a row without a signal
 _TURN_M: Final = 2.5  # radius of the first turn of the spiral, flown for more readings
 _GAIN: Final = 1.5  # 1/s
-_AVERAGE_M: Final = 0.6  # sigma to reach of a place under a drift
-_AVERAGE_S: Final = 120.0  # time after which the circle ends with a larger sigma
+_TELL_S: Final = 120.0  # time above a place in which another circle may distinguish a drift from none
 _EXPLAIN_EVERY: Final = 15  # readings between two comparisons of causes, if the readings are odd
 _EXPLAIN_LATER: Final = 60  # the same, if they are not
 _EXPLAIN_DRIFTING: Final = 30  # the same under a known drift
@@ -256,7 +255,6 @@ class Estimate:
         self._unexplained = 0  # readings since causes were compared
         self._circle: Circle | None = None
         self._candidate: Found | None = None  # it circles about this place until it reports it
-        self._listens_s = math.inf  # start of the circle with this cause
         self._doubtful_s = math.inf  # start of the disagreement of readings and place
         self._above_s = math.inf  # start of the first hover above a place
         self._course = Course()
@@ -341,12 +339,11 @@ class Estimate:
                 self._doubt(o)
             if near and self._near(o, _NEAR_M):
                 self._circle = Circle(self._dipoles.place, o.position)
-                self._listens_s = min(self._listens_s, o.time_s)
         elif math.dist(o.position[:2], self._dipoles.place) > _ASTRAY_M or not (
             self._dipoles.sure or self._dipoles.drifts
         ):
-            self._circle, self._listens_s = None, math.inf
-        elif self._circle.done and self._heard_enough(o.time_s - self._listens_s):
+            self._circle = None
+        elif self._circle.done:
             self._doubt(o)
             checked = self._certain(o)
         if checked:
@@ -354,12 +351,6 @@ class Estimate:
             self._report(self._dipoles.found(o.time_s), o)
         elif self._circle:
             self._circle.observe(self._dipoles.place)
-
-    def _heard_enough(self, listened_s: float) -> bool:
-        """Return True if the drift has averaged out as far as it can."""
-        drifts = self._dipoles.drifts
-        sigma = float(np.linalg.eigvalsh(drifts[0].covariance[:2, :2])[1]) ** 0.5 if drifts else 0.0
-        return sigma < _AVERAGE_M or listened_s >= _AVERAGE_S
 
     def _certain(self, o: Observation) -> bool:
         """Return True if the readings agree with the place. If not, sample again for another cause or hypothesis."""
@@ -382,7 +373,7 @@ class Estimate:
         """Return True if the readings of another circle are needed to distinguish a usual drift from none."""
         least = min(one.cost for one in every)
         drifts = any(one.cause.drift_m >= DRIFTS_M[0] and one.cost < least + _UNLIKELY for one in every)
-        return drifts and self._dipoles.cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _AVERAGE_S
+        return drifts and self._dipoles.cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _TELL_S
 
     def _explain(self, o: Observation) -> None:
         """Find the delay of the readings, the drift of their places, and the antennas that fail."""
@@ -410,8 +401,6 @@ class Estimate:
             return False
         if best.cause.lag_s > before.lag_s + _LATE_S:
             self._circle = None  # its centre was another place
-        if not (best.cause.drift_m and before.drift_m):
-            self._listens_s = o.time_s
         self._dipoles.take(best, o)
         return not lower
 
