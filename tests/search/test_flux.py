@@ -19,9 +19,9 @@ from arva_hil.search.strategies.agreement import Evidence
 from arva_hil.search.strategies.dipole import (
     MOST,
     DipoleReadings,
-    Fit,
     Reading,
     evaluate,
+    leaning,
     likely_pose_error,
     refine,
     seeds,
@@ -468,16 +468,16 @@ def test_its_slopes_over_roll_and_pitch_are_those_of_its_errors(inner: bool) -> 
     rng, step = np.random.default_rng(2), 1e-6
     at, attitudes, x = rng.uniform(-20, 20, (20, 3)), Rotation.random(20, rng), hypotheses(rng, 3)
 
-    def fit(rolled: float = 0.0, pitched: float = 0.0) -> Fit:
+    def turned(rolled: float = 0.0, pitched: float = 0.0) -> DipoleReadings:
         o = DipoleReadings()
         for place, matrix in zip(at, (attitudes * Rotation.from_rotvec([rolled, pitched, 0])).as_matrix(), strict=True):
             o.add(place, matrix, 10.0, 0.0, inner)
-        return evaluate(x, o, 0.1)
+        return o
 
     for i, aside in enumerate(((step, 0.0), (0.0, step))):
-        difference = fit(*aside).error - fit(*(-one for one in aside)).error
+        difference = evaluate(x, turned(*aside), 0.1).error - evaluate(x, turned(*(-one for one in aside)), 0.1).error
         difference = np.remainder(difference + math.pi / 2, math.pi) - math.pi / 2  # over the edge at ±90°
-        assert fit().leaning[:, i] == pytest.approx(difference / (2 * step), rel=1e-4, abs=1e-4)
+        assert leaning(x, turned())[:, i] == pytest.approx(difference / (2 * step), rel=1e-4, abs=1e-4)
 
 
 def test_the_moment_and_its_opposite_sound_alike() -> None:

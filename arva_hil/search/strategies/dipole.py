@@ -137,7 +137,6 @@ class DipoleReadings:
     def _show(self, n: int) -> None:
         at, axis, self.said, self.inner, told, limit, self.variance, self.time_s = (column[:n] for column in self._all)
         self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # so sums over 3 are fast
-        self.down = np.cross(self.axis.real, self.axis.imag, axis=0)
         gains = self._antennas[0]
         if gains != (1.0, 1.0):
             (x, y), (miss_x, miss_y) = gains, (math.sqrt(1 - gain**2) for gain in gains)
@@ -174,7 +173,6 @@ class Fit(NamedTuple):
     slope: Array  # (K, M) squared slope of the error over the receiver's place, 1/m²
     variance: Array  # (K, M) of the error, if the receiver's place were exact
     slopes: Array  # (K, 7, M) of the error over x
-    leaning: Array  # (K, 2, M) of the error over the receiver's roll and pitch, 1/rad
 
 
 def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT) -> Fit:
@@ -213,9 +211,6 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT)
 
     e, j = error.view(float), slopes.view(float)
     slope = np.add.reduce(j[:, :3] ** 2, axis=1)
-    across = np.where(o.inner, 0, _dot(o.down, h) / z)
-    leaning = np.concatenate([1j * across, -across], axis=1).view(float)
-    leaning[:, :, :2] = 0
     variance = (tilt**2 * hidden[:, 0]).repeat(2, axis=1) + o.variance.ravel()
     total = pose_error**2 * slope + variance
     squared = e**2 / total
@@ -229,7 +224,19 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT)
     information = weighted @ j.transpose(0, 2, 1) + RIDGE
     gradient = (weighted @ e[:, :, None])[:, :, 0]
     gradient[:, 6] += _YAW * x[:, 6]
-    return Fit(x, cost, information, gradient, e, weight, slope, variance, j, leaning)
+    return Fit(x, cost, information, gradient, e, weight, slope, variance, j)
+
+
+def leaning(x: Array, o: DipoleReadings) -> Array:
+    """Return the slopes (K, 2, M) of the errors of `evaluate` over the receiver's roll and pitch [1/rad]."""
+    m, r = x[:, 3:6, None], o.at - x[:, :3, None]
+    n = r / np.sqrt(np.maximum(_dot(r, r), _NEAREST**2))
+    h = 3 * _dot(n, m) * n - m
+    down = np.cross(o.axis.real, o.axis.imag, axis=0)
+    across = np.where(o.inner, 0, _dot(down, h) / (_dot(o.axis, h) + 1e-12))
+    slopes = np.concatenate([1j * across, -across], axis=1).view(float)
+    slopes[:, :, :2] = 0  # number 0 is the prior
+    return slopes
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, rounds: int) -> tuple[Fit, Array]:

@@ -102,7 +102,7 @@ class _Linear(NamedTuple):
 
 
 def _linear(
-    fit: dipole.Fit, k: int, drift: Array, errors: ErrorSizes, alike: Array, late_m: Array, receiver: Array
+    fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array, late_m: Array, receiver: Array
 ) -> _Linear:
     """Return hypothesis k of a fit, linear.
 
@@ -111,12 +111,12 @@ def _linear(
     """
     used = np.flatnonzero(fit.weight[k])
     of, j = used // 2, fit.slopes[k][:, used]
-    exact = errors.white_m**2 * fit.slope[k, used] + fit.variance[k, used]
+    exact = white_m**2 * fit.slope[k, used] + fit.variance[k, used]
     tail = np.where(of, 1 + fit.error[k, used] ** 2 / (dipole.TAIL * exact), 1.0)
     e = fit.error[k, used] - np.add.reduce(j[:3] * drift[:, of])
     each = (j[:3].T @ j[:3]) * (alike if len(of) == len(alike) else alike[used[:, None], used])
     late = np.add.reduce(j[:3] * late_m[:, of])
-    together = np.vstack([late, receiver[:, used], errors.mount * fit.leaning[k][:, used]])
+    together = np.vstack([late, receiver[:, used]])
     each += together.T @ together
     each.ravel()[:: len(of) + 1] += exact * tail + late**2
     solved = np.linalg.solve(each, np.column_stack([j.T, e]))
@@ -155,8 +155,10 @@ def fitted(
         numbers = list(going)
         there.at = o.at - drift[numbers]
         fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.tilt)
+        leaning = errors.mount * dipole.leaning(x[numbers], there)
         for row, k in enumerate(numbers):
-            one = _linear(fit, row, drift[k], errors, both, late_m, receiver)
+            causes = np.concatenate([receiver, leaning[row]])
+            one = _linear(fit, row, drift[k], errors.white_m, both, late_m, causes)
             if going[k] <= 0:
                 fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, variance, o.time_s)
                 del going[k]
