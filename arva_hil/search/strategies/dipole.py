@@ -180,12 +180,7 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT)
 
     `pose_error`, `tilt`: sigmas of the receiver's place on each axis [m], and of its attitude [rad]; both by chance.
     """
-    m, r = x[:, 3:6, None], o.at - x[:, :3, None]
-    rho2 = np.maximum(_dot(r, r), _NEAREST**2)
-    rho = np.sqrt(rho2)
-    n = r / rho
-    along = _dot(n, m)
-    h = 3 * along * n - m  # for ρ = 1
+    m, (rho2, n, along, h) = x[:, 3:6, None], _field(x, o)
     h2 = _dot(h, h) + 1e-20
     if o.lost is None:
         axis = np.where(o.inner, h / np.sqrt(h2), o.axis)
@@ -202,7 +197,7 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT)
     axis = axis / z
     share = _dot(axis, n)
     slopes = np.empty((len(x), 7, len(o.said)), complex)
-    slopes[:, :3] = ((1 + 2 * along * share) * n - share * m - along * axis) * (3 / rho)
+    slopes[:, :3] = ((1 + 2 * along * share) * n - share * m - along * axis) * (3 / np.sqrt(rho2))
     slopes[:, 3:6], slopes[:, 6] = 3 * share * n - axis, -1j
     m2 = _dot(m, m)[:, 0] + 1e-20
     error[:, 0] = (x[:, 2] - o.level(x) - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
@@ -229,9 +224,7 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT)
 
 def leaning(x: Array, o: DipoleReadings) -> Array:
     """Return the slopes (K, 2, M) of the errors of `evaluate` over the receiver's roll and pitch [1/rad]."""
-    m, r = x[:, 3:6, None], o.at - x[:, :3, None]
-    n = r / np.sqrt(np.maximum(_dot(r, r), _NEAREST**2))
-    h = 3 * _dot(n, m) * n - m
+    *_, h = _field(x, o)
     down = np.cross(o.axis.real, o.axis.imag, axis=0)
     across = np.where(o.inner, 0, _dot(down, h) / (_dot(o.axis, h) + 1e-12))
     slopes = np.concatenate([1j * across, -across], axis=1).view(float)
@@ -298,6 +291,15 @@ def seeds(position: Sequence[float], bearing: float, d: float, ground: float | N
     m = 1.5 * n * np.add.reduce(n * h, axis=1, keepdims=True) - h  # for ρ = d
     rho = d * np.cbrt(MOMENT / np.linalg.norm(m, axis=1, keepdims=True))
     return np.concatenate([position + rho * n, (rho / d) ** 3 * m, 0 * rho], axis=1)
+
+
+def _field(x: Array, o: DipoleReadings) -> tuple[Array, Array, Array, Array]:
+    """Return ρ² of readings from hypotheses (K, 7), their directions n, n·m, and the fields for ρ = 1."""
+    m, r = x[:, 3:6, None], o.at - x[:, :3, None]
+    rho2 = np.maximum(_dot(r, r), _NEAREST**2)
+    n = r / np.sqrt(rho2)
+    along = _dot(n, m)
+    return rho2, n, along, 3 * along * n - m
 
 
 def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:

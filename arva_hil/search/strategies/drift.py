@@ -155,7 +155,9 @@ def fitted(
         numbers = list(going)
         there.at = o.at - drift[numbers]
         fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.tilt)
-        leaning = errors.mount * dipole.leaning(x[numbers], there)
+        leaning = (
+            errors.mount * dipole.leaning(x[numbers], there) if errors.mount else np.zeros((len(numbers), 0, 2 * n))
+        )
         for row, k in enumerate(numbers):
             causes = np.concatenate([receiver, leaning[row]])
             one = _linear(fit, row, drift[k], errors.white_m, both, late_m, causes)
@@ -236,15 +238,15 @@ def place_now(
     smaller than assumed; then the fit is the same. `ahead_s`, `velocity`: as in `fitted`. `likely`: the fits that were
     likely a reading before; only these are fitted again.
     """
-    begin = dict[ErrorSizes, list[DriftFit]]()
-    for errors, fit in likely:
-        begin.setdefault(errors, []).append(fit)
     if likely:
+        begin = {errors: [fit for of, fit in likely if of == errors] for errors, _ in likely}
         tried = [(errors, np.array([fit.x for fit in fits]), fits) for errors, fits in begin.items()]
     else:
         few = _far_apart(x[:, :3])[: _FEW - 1]
-        first = np.concatenate([x[few], x[:1]]) if near else x[few]
-        tried = [(errors, first, [near[i] for i in few] if near else []) for errors in ANY]
+        first, followed = x[few], list[DriftFit]()
+        if near:
+            first, followed = np.concatenate([first, x[:1]]), [near[i] for i in few]
+        tried = [(errors, first, followed) for errors in ANY]
     every = [
         (errors, one)
         for errors, first, fits in tried
