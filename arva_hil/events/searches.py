@@ -343,7 +343,7 @@ class VictimAgain(TransmitterEvent):
 
 
 class PlaceDoubted(TransmitterEvent):
-    """The readings do not agree with this place. The search visits it once more."""
+    """The readings contradict this place, or ± relative to the drone is above 0.4 m. The search visits it once more."""
 
     north_m: float
     east_m: float

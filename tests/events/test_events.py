@@ -456,7 +456,8 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.PlaceDoubted(1.0, 5, 1.0, 2.0),
         "warning",
-        "the readings of transmitter 5 do not agree with the place: the search flies to it once more",
+        "the readings of transmitter 5 contradict the place, or ± relative to the drone is above 0.4 m: the search "
+        "flies to it once more",
     ),
     (
         searches.TransmitterMoves(1.0, 5, 0.94, 4.4, -2.6),

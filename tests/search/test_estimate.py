@@ -34,6 +34,7 @@ from arva_hil.runtime.loop import run
 from arva_hil.search.mission.accuracy import Accuracy, PositionAccuracy
 from arva_hil.search.strategies import dipole, estimate
 from arva_hil.search.strategies.agreement import Evidence, beginning
+from arva_hil.search.strategies.analysis import TransmitterReadings
 from arva_hil.search.strategies.circle import RADIUS_M, Circle
 from arva_hil.search.strategies.dipole import Array
 from arva_hil.search.strategies.drift import (
@@ -46,7 +47,7 @@ from arva_hil.search.strategies.drift import (
     fitted_beside,
     place_now,
 )
-from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.estimate import Estimate, Hypotheses
 from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.flux import Flux
 from arva_hil.search.strategies.history import NOTHING, Cause, Explanation
@@ -323,7 +324,7 @@ def circle(k: float) -> tuple[float, float]:
 
 def test_readings_that_agree_better_than_assumed_make_the_uncertainty_smaller() -> None:
     readings = readings_on(circle, np.zeros((24, 3)))
-    place, covariance, likely = now(readings, PLACE)
+    place, covariance, _, likely = now(readings, PLACE)
     assert math.dist(place, PLACE[:2]) < 0.01
     assert (sigma_of(covariance) or 0.0) < 0.02
     assert not any(errors.drift_m > 1.0 for errors, _ in likely)
@@ -338,7 +339,7 @@ def test_the_place_is_right_though_antennas_are_unequal_or_d_has_another_law(
         return (8.0 - 0.5 * k, 0.3) if k < 12 else circle(k)
 
     readings = readings_on(way, np.zeros((30, 3)), y_gain, power)
-    place, covariance, _ = now(readings, PLACE)
+    place, covariance, *_ = now(readings, PLACE)
     monkeypatch.setattr("arva_hil.search.strategies.drift.ANY", [each for each in ANY if not each.receiver])
     exact, *_ = now(readings, PLACE)
     assert math.dist(place, PLACE[:2]) < math.dist(exact, PLACE[:2])
@@ -352,7 +353,7 @@ def test_the_place_is_right_though_the_receiver_leans_by_two_degrees(towards_deg
     for k in range(30):
         at = np.array([*((8.0 - 0.5 * k, 0.3) if k < 12 else circle(k)), -3.0])
         readings.add(at.tolist(), leaning.as_matrix(), *heard(at), False, EVERY_S * k)
-    place, covariance, _ = now(readings, PLACE)
+    place, covariance, *_ = now(readings, PLACE)
     assert math.dist(place, PLACE[:2]) < min(0.05, 3 * (sigma_of(covariance) or 0.0))
 
 
@@ -368,7 +369,7 @@ def test_readings_that_are_late_by_a_part_of_a_frame_do_not_move_the_place() -> 
     for time_s in EVERY_S * np.arange(12):
         readings.add(at(time_s).tolist(), np.eye(3), *heard(at(time_s - 0.4)), False, time_s)
         velocity.append(at(time_s + 0.5) - at(time_s - 0.5))
-    place, covariance, _ = now(readings, PLACE, velocity=np.array(velocity).T)
+    place, covariance, *_ = now(readings, PLACE, velocity=np.array(velocity).T)
     prompt, *_ = now(readings, PLACE)
     assert math.dist(place, PLACE[:2]) < 0.5 * math.dist(prompt, PLACE[:2])
     assert math.dist(place, PLACE[:2]) < 2 * (sigma_of(covariance) or 0.0) < 0.4
@@ -384,12 +385,25 @@ def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed
     for _ in range(8):
         drift = slow(rng, sigma_m, tau_s, 24)
         readings = readings_on(lambda k: ((8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k)), drift)
-        place, covariance, _ = now(readings, PLACE + drift.mean(axis=0))
-        sigma = sigma_of(covariance) or 0.0
+        place, covariance, *_ = now(readings, PLACE + drift.mean(axis=0))
+        sigma = math.sqrt(estimate._DRIFT_CAUTION) * (sigma_of(covariance) or 0.0)
         shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / sigma)
         assert sigma < most_m
     assert max(shares) < 3.0
     assert np.median(shares) < 1.5
+
+
+def test_a_place_whose_readings_no_size_of_errors_explains_is_told_to_a_metre_at_best() -> None:
+    evidence = Evidence()
+    for k in range(60):
+        at = np.array([*circle(k), -3.0])
+        d_m, delta = heard(at + np.array([5.0 if k > 40 else 0.0, 0.0, 0.0]))  # the transmitter moves
+        north, east, down = at.tolist()
+        o = Observation(k, (north, east, down), np.eye(3), round(100 * d_m), round(math.degrees(delta)), False)
+        evidence.add(o)
+    dipoles = Hypotheses(evidence)
+    dipoles.x = TRUE
+    assert (sigma_of(dipoles.now(Found(0.0, 0.0), 60.0).now_covariance) or 0.0) > 1.0
 
 
 @pytest.mark.parametrize(("seed", "off"), [(4, (4, 0, 0)), (5, (0, 4, 0)), (10, (4, 0, 0)), (11, (0, 4, 0))])
@@ -651,11 +665,11 @@ def test_a_receiver_that_shows_strengths_alone_until_the_next_pulse_leads_to_the
 MOVED_S = 40
 
 
-def circled(away: tuple[float, float], gain_y: float) -> Evidence:
+def circled(away: tuple[float, float], gain_y: float) -> TransmitterReadings:
     """A level receiver that looks north, on its way from 25 m, and round the place from second 26 on. Until it moves,
     the transmitter is `away` (north, east) from there, and the receiver's antenna y has `gain_y`.
     """
-    evidence = Evidence()
+    record = TransmitterReadings()
     for k in range(100):
         at = np.array([25.0 - k, 3 * math.sin(k / 6), -3.0])
         if k > 25:
@@ -666,19 +680,26 @@ def circled(away: tuple[float, float], gain_y: float) -> Evidence:
         h[1] *= gain_y if k < MOVED_S else 1.0
         d_cm, delta_deg = round(100 * math.hypot(*h) ** (-1 / 3)), round(math.degrees(math.atan2(h[1], h[0])))
         north, east, down = at.tolist()
-        evidence.add(Observation(1.0 * k, (north, east, down), np.eye(3), d_cm, delta_deg, False))
-    return evidence
+        record.add(Observation(1.0 * k, (north, east, down), np.eye(3), d_cm, delta_deg, False))
+    return record
 
 
 def test_readings_from_before_it_moved_and_of_an_antenna_that_hears_again_are_left_out() -> None:
-    judgement = circled((7.6, -1.2), 0.0).judge((0.0, 0.0))
+    judgement = circled((7.6, -1.2), 0.0).evidence.judge((0.0, 0.0))
     assert judgement.agrees(3.0)
     assert math.dist(judgement.there.x[0, :2], PLACE[:2]) < 0.1
 
 
 def test_where_nothing_has_changed_all_readings_are_used() -> None:
-    judgement = circled((0.0, 0.0), 1.0).judge((0.0, 0.0))
+    judgement = circled((0.0, 0.0), 1.0).evidence.judge((0.0, 0.0))
     assert judgement.there.cause == NOTHING
+
+
+@pytest.mark.parametrize(("sigma_m", "sure"), [(None, True), (0.4, True), (0.41, False)])
+def test_a_place_is_found_only_if_it_is_known_well_from_the_drone(sigma_m: float | None, sure: bool) -> None:
+    now = sigma_m and (sigma_m**2, 0.0, 0.01)
+    found = Found(0.0, 0.0, covariance=(4.0, 0.0, 4.0), now_covariance=now)
+    assert circled((0.0, 0.0), 1.0).judged(found, 3.0) == (found, sure)
 
 
 # -- A receiver that is not turned as its vehicle reports, by a compass or a mount that is off ------------

@@ -230,8 +230,8 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
     searches.VictimAgain: "warning: this is victim {number} again, as transmitter {transmitter:number}: {apart_m:.1f} "
     "m from the place recorded",
-    searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: the "
-    "search flies to it once more",
+    searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} contradict the place, or ± "
+    "relative to the drone is above 0.4 m: the search flies to it once more",
     searches.TransmitterMoves: "warning: transmitter {transmitter:number} moves, at about {speed_m_s:.1f} m/s: a "
     "rescuer who transmits? It is put aside, last {event:place} of the take-off point",
     searches.ReceiverTurned: "warning: the receiver is turned by some {degrees:+.0f}° from its reported heading: check "

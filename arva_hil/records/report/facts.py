@@ -118,7 +118,7 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str]]:
     who = "" if found.id is None else f"transmitter {found.id}: "
-    doubt = "" if found.sure else "; not sure: the readings do not agree"
+    doubt = "" if found.sure else "; not sure: the readings contradict it, or ± relative to the drone is above 0.4 m"
     yield "place", f"{who}{found.north:z.2f} m north, {found.east:z.2f} m east of the take-off point{doubt}"
     if found.lat_lon:
         yield "latitude, longitude", f"{found.lat_lon[0]:.7f}, {found.lat_lon[1]:.7f}"

@@ -204,7 +204,7 @@ class Mission:
 
     @property
     def sure(self) -> bool:
-        """True if the readings agree with the place found, or with all that are recorded."""
+        """True if the place found is sure, or all that are recorded are."""
         return self._reached.sure if self._reached else all(victim.sure for victim in self.victims.places)
 
     @property

@@ -28,10 +28,10 @@ class Refusal(NamedTuple):
 class Outcome:
     """The outcome of a search. Places are NED metres from the take-off point; `time_s` from the end of the take-off.
 
-    `kind`: found. Not sure: a place is reported, but the readings do not agree with it. Not found: the whole area was
-    searched. No link: one of the two was missing. Refused: the vehicle may not be armed. Would fly: a dry run has
-    ended. Failed: anything else. `victims`: of a search for several, the surest place first; it is "found" if all that
-    were asked for are. `found`, `id` and `lat_lon` are then those of the first.
+    `kind`: found. Not sure: a place is reported, but the readings contradict it, or ± relative to the drone is above
+    0.4 m. Not found: the whole area was searched. No link: one of the two was missing. Refused: the vehicle may not be
+    armed. Would fly: a dry run has ended. Failed: anything else. `victims`: of a search for several, the surest place
+    first; it is "found" if all that were asked for are. `found`, `id` and `lat_lon` are then those of the first.
     """
 
     kind: Kind

@@ -89,7 +89,7 @@ _LEAST_M: Final = 1.0  # two places within this distance are one
 
 @dataclass(frozen=True)
 class Victim:
-    """A transmitter that was found. `id`: -1 when frames carry none. `sure`: the readings agree with its place.
+    """A transmitter that was found. `id`: -1 when frames carry none. `sure`: as in AnalysisResult.
 
     `time_s`: from the end of the take-off; `marked`: by the receiver, as far as the search knows.
     """

@@ -24,12 +24,13 @@ from arva_hil.safe_text import shown
 from arva_hil.search.strategies.agreement import Evidence
 from arva_hil.search.strategies.explained import dipole_at
 from arva_hil.search.strategies.history import Track
-from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Strategy, Velocity
+from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Strategy, Velocity, sigma_of
 
 _REMEMBERED: Final = 256  # observations of each transmitter
 _NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
 _LEAST, _NEWEST = 4, 20  # least and largest number of these readings; the least may be older
 _BESIDE_M: Final = 0.5  # least distance of these readings: nearer the field is not that of a dipole
+_SURE_M: Final = 0.4  # largest ± of a place that is sure, relative to the drone
 _MOST_HYPOTHESES: Final = 64  # of an estimate
 _CURE: Final = "fix the error, and fly it in arva-hil demo first"
 _AT_A_TIME: Final = 32  # readings of the past that a new strategy gets in one batch
@@ -45,7 +46,7 @@ class AnalysisResult(NamedTuple):
     found: Found | None = None
     """The place that the strategy has found, None before."""
     sure: bool = False
-    """True if the readings agree with that place."""
+    """True if the readings agree with that place, and ± relative to the drone is at most 0.4 m."""
     dipole: NDArray[np.float64] | None = None
     """The dipole (7,) at that place that fits its readings best; of a transmitter without an id only."""
     belief: Belief | None = None
@@ -63,24 +64,25 @@ class TransmitterReadings:
 
     def __init__(self) -> None:
         self.past: deque[Observation] = deque(maxlen=_REMEMBERED)
-        self._evidence = Evidence()
+        self.evidence = Evidence()
 
     def add(self, o: Observation) -> None:
         self.past.append(o)
-        self._evidence.add(o)
+        self.evidence.add(o)
 
     def judged(self, found: Found, height_m: float) -> tuple[Found, bool]:
-        """Return a place with its covariance, and True if the readings agree with it."""
-        judgement = self._evidence.judge(found[:2])
+        """Return a place with its covariance, and True if the readings agree with it and its ± is small."""
+        judgement = self.evidence.judge(found[:2])
         if judgement is None or not judgement.agrees(height_m):
             return found, False
-        return found._replace(covariance=found.covariance or judgement.covariance), True
+        sure = (sigma_of(found.now_covariance) or 0.0) <= _SURE_M
+        return found._replace(covariance=found.covariance or judgement.covariance), sure
 
     def contradictions(self, time_s: float) -> list[bool]:
         """Return, for each of the newest readings in order of time, True if it contradicts the place judged last."""
         newest = [o for o in self.past if o.d_m > _BESIDE_M]
         count = sum(time_s - o.time_s < _NEWEST_S for o in newest)
-        return self._evidence.contradictions(newest[-min(max(count, _LEAST), _NEWEST) :] if count else [])
+        return self.evidence.contradictions(newest[-min(max(count, _LEAST), _NEWEST) :] if count else [])
 
 
 class Analysis:

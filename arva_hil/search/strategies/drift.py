@@ -30,7 +30,6 @@ _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
 _SCALES: Final = (1.0, 0.5, 0.25)  # sizes of all errors that are tried, as shares of those assumed
 _DISCOUNT: Final = 2.5  # divides the evidence of the readings: their errors are less independent than in the fit
-_CAUTION: Final = 1.4  # times the covariance of a place under a drift, which is another one than those tried
 _LIKELY: Final = 0.003  # least share of a fit that is fitted again
 # Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; a share of the field by
 # cos 2δ, and an angle by sin 2δ [rad], of unequal antennas; the power of d.
@@ -216,10 +215,14 @@ def fitted_beside(x: Array, o: dipole.DipoleReadings, drift_m: float) -> list[Dr
 
 
 class PlaceNow(NamedTuple):
-    """A place in the frame reported now, north and east, its covariance, and the fits that are likely."""
+    """A place in the frame reported now, north and east, its covariance, and the fits that are likely.
+
+    `misfit`: the mean squared error of the most likely fit, by the variances.
+    """
 
     place: tuple[float, float]
     covariance: Covariance
+    misfit: float
     likely: Sequence[tuple[ErrorSizes, DriftFit]]
 
 
@@ -235,8 +238,8 @@ def place_now(
 
     `x`: hypotheses (K, 7), the best first. `near`: their fits, if they follow a drift; the best one begins also
     without. They are fitted with errors of all sizes, which count by their likelihood. All errors of a fit may be
-    smaller than assumed; then the fit is the same. `ahead_s`, `velocity`: as in `fitted`. `likely`: the fits that were
-    likely a reading before; only these are fitted again.
+    smaller than assumed; then the fit is the same. `ahead_s`, `velocity`: as in `fitted`. `likely`: the fits
+    that were likely a reading before; only these are fitted again.
     """
     if likely:
         begin = {errors: [fit for of, fit in likely if of == errors] for errors, _ in likely}
@@ -257,15 +260,12 @@ def place_now(
     places = np.array([one.now[:2] for _, one in every])
     north, east = (of_fit @ places).tolist()
     off = places - (north, east)
-    each_now = np.array(
-        [
-            (_CAUTION if errors.drift_m else 1.0) * one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2)
-            for errors, one in every
-        ]
-    )
+    each_now = np.array([one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2) for errors, one in every])
     covariance = np.einsum("k,kij->ij", np.square(_SCALES) @ share, each_now) + (of_fit * off.T) @ off
     (nn, ne), (_, ee) = covariance.tolist()
-    return PlaceNow((north, east), (nn, ne, ee), [every[i] for i in np.flatnonzero(of_fit > _LIKELY)])
+    best = every[int(of_fit.argmax())][1]
+    likely = [every[i] for i in np.flatnonzero(of_fit > _LIKELY)]
+    return PlaceNow((north, east), (nn, ne, ee), best.misfit / best.parts, likely)
 
 
 def _shares(fits: Sequence[DriftFit]) -> Array:

@@ -83,6 +83,7 @@ class Found(NamedTuple):
 
     `now`: where it is in the places that are reported now, if those drift: north, east. The vehicle flies there.
     `now_covariance`: of the goal in the places reported now, so of the place relative to the drone; None: `covariance`.
+    A place with a larger sigma there than 0.4 m is not sure.
     `turned_deg`: the receiver is turned by this angle from its reported heading, clockwise; None: not far from 0.
     """
 

@@ -111,7 +111,7 @@ export function showSearch(search, truth, transmitters, team, share) {
   const rows = search.target === null ? [] : [["target", `transmitter ${search.target}`]];
   if (search.found) {
     rows.push(["place found", placed(from(search.found.place))]);
-    rows.push(["sure", search.found.sure ? "yes" : "no: the readings do not agree"]);
+    rows.push(["sure", search.found.sure ? "yes" : "no: the readings contradict it, or ± relative to the drone is above 0.4 m"]);
   } else if (search.mean) {
     rows.push(["estimate", placed(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
   }

@@ -10,7 +10,7 @@ let shownCard = "";
 export function outcomeOf(state, transmitters) {
   const searches = state.team.length ? state.team : [state.search].filter(Boolean);
   if (!searches.length) return null;
-  const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle, doubt: search.doubt ?? "not sure: the readings do not agree" })));
+  const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle, doubt: search.doubt ?? "not sure: the readings contradict it, or ± relative to the drone is above 0.4 m" })));
   const received = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
   const wanted = state.team.length || searches[0].wanted === null ? transmitters.length || null : searches[0].wanted;
   for (const [i, one] of victims.entries()) {
