@@ -103,7 +103,7 @@ def victims_as_dicts(outcome: Outcome) -> list[dict[str, Any]]:
 
 
 def _about(victim: Victim) -> str:
-    parts = [] if victim.sure else ["not sure: the readings contradict it, or ± relative to the drone is above 0.4 m"]
+    parts = [] if victim.sure else [in_words(because(Why.NOT_SURE))]
     if victim.found.down is not None and math.isfinite(victim.found.down):
         level = "below" if victim.found.down >= 0 else "above"
         parts.append(f"{abs(victim.found.down):.1f} m {level} the take-off point")

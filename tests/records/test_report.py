@@ -124,7 +124,7 @@ def test_all_victims_are_there_and_those_who_are_missed(tmp_path: Path) -> None:
     assert search["place of victim 1"] == "transmitter 2: 28.00 m north, 5.50 m east of the take-off point"
     assert search["error of victim 1"] == "0.50 m from the transmitter, horizontally"
     assert search["place of victim 2"].endswith(
-        "; not sure: the readings contradict it, or ± relative to the drone is above 0.4 m"
+        "; not sure: the readings contradict the place, or ± relative to the drone is above 0.4 m"
     )
     assert search["transmitter 3"] == "not found"
     verdict = words(page([recording])).partition("What the search found")[0]

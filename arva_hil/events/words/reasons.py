@@ -224,7 +224,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.POSITION_JUMPED: "its position has jumped",
     Why.REBOOTED: "the vehicle has rebooted",
     Why.FOUND: "found",
-    Why.NOT_SURE: "not sure: the readings contradict the place reported, or ± relative to the drone is above 0.4 m",
+    Why.NOT_SURE: "not sure: the readings contradict the place, or ± relative to the drone is above 0.4 m",
     Why.TIME_UP: lambda limit_s, **counts: _not_all(f"in {limit_s:g} s", f"not found in {limit_s:g} s", **counts),
     Why.STRIPS_FLOWN: _strips_flown,
     Why.ON_THE_GROUND: "it is on the ground, or it does not sink as ordered because set-points are lost",

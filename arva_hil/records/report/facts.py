@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.words.reasons import in_words
 from arva_hil.events.words.text import in_metres
 from arva_hil.records.reading import RecordedPlace, RecordedReceiver, Recording, mapping, number, objects, streams, text
 from arva_hil.safe_text import one_line
@@ -118,7 +120,7 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str]]:
     who = "" if found.id is None else f"transmitter {found.id}: "
-    doubt = "" if found.sure else "; not sure: the readings contradict it, or ± relative to the drone is above 0.4 m"
+    doubt = "" if found.sure else f"; {in_words(because(Why.NOT_SURE))}"
     yield "place", f"{who}{found.north:z.2f} m north, {found.east:z.2f} m east of the take-off point{doubt}"
     if found.lat_lon:
         yield "latitude, longitude", f"{found.lat_lon[0]:.7f}, {found.lat_lon[1]:.7f}"

@@ -238,8 +238,8 @@ def place_now(
 
     `x`: hypotheses (K, 7), the best first. `near`: their fits, if they follow a drift; the best one begins also
     without. They are fitted with errors of all sizes, which count by their likelihood. All errors of a fit may be
-    smaller than assumed; then the fit is the same. `ahead_s`, `velocity`: as in `fitted`. `likely`: the fits
-    that were likely a reading before; only these are fitted again.
+    smaller than assumed; then the fit is the same. `ahead_s`, `velocity`: as in `fitted`. `likely`: the fits that were
+    likely a reading before; only these are fitted again.
     """
     if likely:
         begin = {errors: [fit for of, fit in likely if of == errors] for errors, _ in likely}

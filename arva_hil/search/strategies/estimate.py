@@ -58,7 +58,7 @@ _LONGEST_S: Final = 240.0  # the same after the first hover above a place, witho
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
 _DRIFT_CAUTION: Final = 2.0  # times the covariance of the place now if a drift is known or likely
 _WANDERS_M: Final = 0.45  # with a larger pose error and no drift, the places wander as no drift that is tried
-_MISFIT: Final = 1.2  # a larger mean squared error, by the variances, is of an error that is not tried
+_UNEXPLAINED: Final = 1.2  # a larger mean squared error, by the variances, is of an error that is not tried
 _FARTHER_M: Final = 1.0  # sigma added then, and under the largest drift, which may be a larger one
 _REPORT_S: Final = 1.0  # time between two readings that may report a place
 _KNOWN_M: Final = 0.25  # report a place whose sigma is less now
@@ -132,7 +132,7 @@ class Hypotheses:
         )
         drift_m, error_m = self.cause.drift_m, self.pose_error
         times = _DRIFT_CAUTION if drift_m or error_m > _ODD_M else 1.0
-        more = _FARTHER_M**2 if drift_m == max(DRIFTS_M) or error_m > _WANDERS_M or misfit > _MISFIT else 0.0
+        more = _FARTHER_M**2 if drift_m == max(DRIFTS_M) or error_m > _WANDERS_M or misfit > _UNEXPLAINED else 0.0
         return found._replace(now=place, now_covariance=(times * nn + more, times * ne, times * ee + more))
 
     def seed(self, o: Observation) -> None:

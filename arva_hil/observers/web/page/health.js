@@ -1,6 +1,6 @@
 // Checks with a level and a cure; the worst one is in the header. The state of a search.
 
-import { AGE, LATE, N, clock, el, inTime, placed, precise } from "./store.js";
+import { AGE, DOUBT, LATE, N, clock, el, inTime, placed, precise } from "./store.js";
 
 const ORDER = ["good", "warn", "bad"];
 const LEVELS = { info: "info", warning: "warn", error: "bad" };
@@ -111,7 +111,7 @@ export function showSearch(search, truth, transmitters, team, share) {
   const rows = search.target === null ? [] : [["target", `transmitter ${search.target}`]];
   if (search.found) {
     rows.push(["place found", placed(from(search.found.place))]);
-    rows.push(["sure", search.found.sure ? "yes" : "no: the readings contradict it, or ± relative to the drone is above 0.4 m"]);
+    rows.push(["sure", search.found.sure ? "yes" : `no: ${DOUBT}`]);
   } else if (search.mean) {
     rows.push(["estimate", placed(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
   }

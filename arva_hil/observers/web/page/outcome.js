@@ -1,7 +1,7 @@
 // The outcome of a search: victims found, their places, what is missing; the list of victims with their marks.
 
 import { metres } from "./display.js";
-import { CM, ID, SLOTS, el, precise, signOf } from "./store.js";
+import { CM, DOUBT, ID, SLOTS, el, precise, signOf } from "./store.js";
 
 const $ = (id) => document.getElementById(id);
 let shownCard = "";
@@ -10,7 +10,7 @@ let shownCard = "";
 export function outcomeOf(state, transmitters) {
   const searches = state.team.length ? state.team : [state.search].filter(Boolean);
   if (!searches.length) return null;
-  const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle, doubt: search.doubt ?? "not sure: the readings contradict it, or ± relative to the drone is above 0.4 m" })));
+  const victims = searches.flatMap((search) => search.victims.map((one) => ({ ...one, by: search.vehicle, doubt: search.doubt ?? `not sure: ${DOUBT}` })));
   const received = new Set(searches.flatMap((search) => search.heard.map(([id]) => id)));
   const wanted = state.team.length || searches[0].wanted === null ? transmitters.length || null : searches[0].wanted;
   for (const [i, one] of victims.entries()) {

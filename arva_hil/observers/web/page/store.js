@@ -80,6 +80,7 @@ export function placed([n, e], digits = 1, [north, south, east, west] = [" m N",
   const one = (m, forth, back) => `${Math.abs(m).toFixed(digits)}${m < 0 && Number(m.toFixed(digits)) ? back : forth}`;
   return `${one(n, north, south)}, ${one(e, east, west)}`;
 }
+export const DOUBT = "the readings contradict the place, or ± relative to the drone is above 0.4 m"; // of a place that is not sure
 export const IN_WORDS = [" m north", " m south", " m east", " m west"];
 
 const COMPASS = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
