@@ -285,8 +285,8 @@ def line(name: str, every: Sequence[Flown]) -> str:
 def spread(errors: Sequence[float], sigmas: Sequence[float | None]) -> str:
     """The errors beside their uncertainty; an unknown one is infinite."""
     of = np.array([math.inf if sigma is None else sigma for sigma in sigmas])
-    inside = " ".join(f"{np.mean(np.array(errors) <= n * of):.0%}" for n in (1, 2, 3))
-    return f"{np.median(errors):.2f} (worst {max(errors):.2f}) ± {np.median(of):.2f} m, inside {inside}"
+    inside = " ".join(f"{np.mean(np.array(errors) <= n * of):.1%}" for n in (1, 2, 3))
+    return f"{np.median(errors):.3f} (worst {max(errors):.3f}) ± {np.median(of):.3f} m, inside {inside}"
 
 
 def main() -> None:
@@ -305,7 +305,7 @@ def main() -> None:
             flown = [one.result() for one in futures]
             if options.verbose:
                 for one in flown:
-                    print("  ", *(f"{value:.2f}" if isinstance(value, float) else value for value in one))
+                    print("  ", *(f"{value:.3f}" if isinstance(value, float) else value for value in one))
             print(line(name, flown), flush=True)
 
 
