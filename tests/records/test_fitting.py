@@ -96,15 +96,15 @@ def test_the_age_of_pulses_is_not_a_delay(of_exact: ReceiverFit) -> None:
     assert late.value == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize("model", ["pulsed", "rssi"])
-def test_receivers_of_pulses_are_fitted(model: str, tmp_path: Path) -> None:
-    chosen, truth = drawn(31, model)
+@pytest.mark.parametrize(("model", "seed"), [("pulsed", 31), ("rssi", 31), ("rssi", 42)])
+def test_receivers_of_pulses_are_fitted(model: str, seed: int, tmp_path: Path) -> None:
+    chosen, truth = drawn(seed, model)
     chosen = replace(chosen, navigation_error=None, output_format="rssi" if model == "rssi" else "binary")
     found = fitted(rehearse(tmp_path / "r", chosen, SHORT, latency_s=truth["latency"]), EXACT, model)
     assert found.doubts == []
     for name in "kappa_eq", "mount x", "mount y", "mount yaw":
         one = found.estimates[name]
-        assert abs(truth[name] - one.value) <= 2 * (one.high - one.low) / 2, name
+        assert abs(truth[name] - one.value) <= one.high - one.low, name
     assert found.estimates["kappa_eq"].value == pytest.approx(truth["kappa_eq"], rel=0.1)
     parse_profile(profile(found, [""]), "receiver", "p.yaml")
 

@@ -188,7 +188,7 @@ class Estimation:
         for index, id_ in enumerate(self.ids):
             flight = max(self.flights, key=lambda one: int((one.who == index).sum()))
             surveyed = next((one.places[id_] for one in self.flights if id_ in one.places), None)
-            starts.append(candidates(flight, index, surveyed))
+            starts.append(candidates(flight, index, surveyed, one_antenna=self.model == "rssi"))
         for number in range(max(map(len, starts))):
             chosen = [every[min(number, len(every) - 1)] for every in starts]
             self.parameters = receiver_parameters(self.model)

@@ -13,10 +13,11 @@ from arva_hil.records.fitting.flight import Floats, RecordedFlight, thinned
 _READINGS: Final = 40
 _KEEP: Final = 6  # candidates
 _LATENCY_S: Final = 0.3
+_MOUNT_YAWS: Final = np.arange(-3, 5) * math.pi / 8  # of one antenna: without δ nothing tells its direction
 _DOWN_M: Final = (0.0, 1.5, -2.0)
 
 
-def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None) -> list[Floats]:
+def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None, *, one_antenna: bool) -> list[Floats]:
     """Return starts for transmitter `index`, the best first: north, east, down, yaw, pitch, ln κ, mount yaw."""
     mine = flight.part(flight.who == index)
     some = thinned(mine, _READINGS)
@@ -33,21 +34,27 @@ def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None) -> l
     for place in places:
         every = np.repeat(position.T[:, None], len(axes), axis=1)  # (3, axes, N)
         b = np.einsum("nij,ian->jan", body, field_of(every, place[:, None, None], moments.T[:, :, None]))
-        flat = np.hypot(b[0], b[1])
-        size = np.where(some.inner, np.sqrt(flat**2 + b[2] ** 2), flat)
-        residual = np.log(some.d_m) + np.log(np.maximum(size, 1e-200)) / 3
-        middle = np.median(residual, axis=1)
-        turn = 2 * (some.delta - np.arctan2(b[1], b[0]))
-        turned = np.isfinite(turn)
-        mean = np.where(turned, np.exp(1j * np.where(turned, turn, 0)), 0).sum(axis=1)
-        spread = np.abs(np.where(turned, np.exp(1j * (np.where(turned, turn, 0) - np.angle(mean)[:, None])) - 1, 0))
-        cost = np.minimum(np.abs(residual - middle[:, None]) / 0.1, 5).mean(axis=1)
-        cost += np.minimum(spread / 0.4, 5).sum(axis=1) / max(len(mine), 1) * len(mine) / max(len(some), 1)
-        for at in np.argsort(cost)[:2]:
-            yaw, pitch = axes[at]
-            log_kappa = 3 * middle[at] + math.log(4 * math.pi)
-            mount = -float(np.angle(mean[at])) / 2
-            found.append((float(cost[at]), np.array([*place, yaw, pitch, log_kappa, mount])))
+        if one_antenna:
+            heard = [(mount, np.abs(math.cos(mount) * b[0] + math.sin(mount) * b[1])) for mount in _MOUNT_YAWS]
+        else:
+            flat = np.hypot(b[0], b[1])
+            heard = [(0.0, np.where(some.inner, np.sqrt(flat**2 + b[2] ** 2), flat))]
+        for mount, size in heard:
+            residual = np.log(some.d_m) + np.log(np.maximum(size, 1e-200)) / 3
+            middle = np.median(residual, axis=1)
+            cost = np.minimum(np.abs(residual - middle[:, None]) / 0.1, 5).mean(axis=1)
+            mounts = np.full(len(axes), mount)
+            if not one_antenna:
+                turn = 2 * (some.delta - np.arctan2(b[1], b[0]))
+                turned = np.isfinite(turn)
+                mean = np.where(turned, np.exp(1j * np.where(turned, turn, 0)), 0).sum(axis=1)
+                off = np.exp(1j * (np.where(turned, turn, 0) - np.angle(mean)[:, None])) - 1
+                spread = np.abs(np.where(turned, off, 0))
+                cost += np.minimum(spread / 0.4, 5).mean(axis=1)
+                mounts = -np.angle(mean) / 2
+            for at in np.argsort(cost)[:2]:
+                log_kappa = 3 * middle[at] + math.log(4 * math.pi)
+                found.append((float(cost[at]), np.array([*place, *axes[at], log_kappa, mounts[at]])))
     found.sort(key=lambda one: one[0])
     return [start for _, start in found[:_KEEP]]
 
