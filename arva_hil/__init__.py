@@ -7,9 +7,11 @@ Names are imported when they are first used.
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any, Final
 
+TYPE_CHECKING = False  # `typing` takes milliseconds to import; Ctrl-C would print a traceback before `main` handles it
 if TYPE_CHECKING:
+    from typing import Any, Final
+
     from arva_hil.api import load_scenario, replay, run_live
     from arva_hil.autopilot.following.session import Session
     from arva_hil.bench.bench import Bench, BenchTruth

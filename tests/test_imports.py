@@ -51,6 +51,14 @@ except arva_hil.LinkError as error:
 """
 
 
+AT_ONCE = """
+import sys
+sys.path.insert(0, ".")
+import arva_hil.__main__
+sys.exit("typing" in sys.modules or "re" in sys.modules)
+"""
+
+
 @functools.cache
 def parsed(path: Path) -> tuple[ast.AST, ...]:
     return tuple(ast.walk(ast.parse(path.read_text())))
@@ -124,6 +132,11 @@ def test_only_the_clock_asks_for_the_time() -> None:
 def test_every_module_can_be_imported_without_what_only_unix_has() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_UNIX], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_program_handles_ctrl_c_before_it_imports_what_takes_milliseconds() -> None:
+    words = [sys.executable, "-I", "-S", "-c", AT_ONCE]
+    assert subprocess.run(words, cwd=ROOT, check=False, timeout=60).returncode == 0
 
 
 def test_the_bench_the_codec_the_emulator_and_listen_need_no_module_of_unix_at_their_top() -> None:
