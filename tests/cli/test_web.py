@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import re
+import signal
 import socket
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -124,13 +125,14 @@ def is_shown(tab: Tab, slots: list[dict[str, str]], *, true: bool = True) -> Non
 
 def test_a_run(start: Start, autopilot: Autopilot, line: PtyLink, tab: Tab, tmp_path: Path) -> None:
     program = start(
-        *("run", "--autopilot", autopilot.address, "--port", line.path, "--rate", 10, "--duration", 3),
+        *("run", "--autopilot", autopilot.address, "--port", line.path, "--rate", 10),
         *(*WEB, "--record", tmp_path / "record"),
     )
     tab.moves()
     tab.open(url_of(program))
+    tab.shows("#events", re.compile("there is a pose"))
+    program.stops(signal.SIGINT)
     tab.shows("#banner", OVER)
-    program.ends()
     rows = readings(tmp_path / "record")
     is_shown(tab, frame_at(rows))
     health = tab.text("#checks")
