@@ -464,17 +464,21 @@ def test_its_derivatives_are_those_of_its_errors(inner: bool) -> None:
 
 
 @pytest.mark.parametrize("inner", [False, True])
-def test_its_slopes_over_roll_and_pitch_are_those_of_its_errors(inner: bool) -> None:
+def test_its_slopes_over_roll_and_pitch_and_a_turned_compass_are_those_of_its_errors(inner: bool) -> None:
     rng, step = np.random.default_rng(2), 1e-6
-    at, attitudes, x = rng.uniform(-20, 20, (20, 3)), Rotation.random(20, rng), hypotheses(rng, 3)
+    at, x = rng.uniform(-20, 20, (20, 3)), hypotheses(rng, 3)
+    leans = Rotation.from_rotvec(rng.uniform(-0.01, 0.01, (20, 3)) * (1, 1, 0))
+    attitudes = Rotation.from_rotvec(rng.uniform(-3, 3, (20, 3)) * (0, 0, 1)) * leans
 
-    def turned(rolled: float = 0.0, pitched: float = 0.0) -> DipoleReadings:
-        o = DipoleReadings()
-        for place, matrix in zip(at, (attitudes * Rotation.from_rotvec([rolled, pitched, 0])).as_matrix(), strict=True):
+    def turned(rolled: float = 0.0, pitched: float = 0.0, compass: float = 0.0) -> DipoleReadings:
+        o, by_compass = DipoleReadings(), Rotation.from_rotvec([0, 0, compass])
+        by_mount = Rotation.from_rotvec([rolled, pitched, -compass])  # what is left is the one instead of the other
+        for place, matrix in zip(at, (by_compass * attitudes * by_mount).as_matrix(), strict=True):
             o.add(place, matrix, 10.0, 0.0, inner)
         return o
 
-    for i, aside in enumerate(((step, 0.0), (0.0, step))):
+    x[:, 6] = 1.0
+    for i, aside in enumerate(((step, 0.0, 0.0), (0.0, step, 0.0), (0.0, 0.0, step))):
         difference = evaluate(x, turned(*aside), 0.1).error - evaluate(x, turned(*(-one for one in aside)), 0.1).error
         difference = np.remainder(difference + math.pi / 2, math.pi) - math.pi / 2  # over the edge at ±90°
         assert leaning(x, turned())[:, i] == pytest.approx(difference / (2 * step), rel=1e-4, abs=1e-4)

@@ -11,6 +11,7 @@ valid: the field's own direction replaces the receiver's x + i·y.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -32,9 +33,10 @@ _ONE: Final = np.eye(7)
 # Variances of a reading, relative to the field or in radians².
 _NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
 _ANY: Final = 1.0  # of a reading without information
-_ROUNDING: Final = (0.01**2, 0.02**2)  # of d and of δ, with unknown causes
+_ROUNDING: Final = (0.0025**2, 0.005**2)  # of d and of δ
+_CHANCE: Final = np.array([0.01**2, 0.02**2]) - _ROUNDING  # of d and of δ, by unknown causes
 _SILENCE: Final = (50.0, 0.1**2)  # the limit of reception [m], and its width
-TILT: Final = 0.03  # sigma of the receiver's attitude, rad
+_TILT: Final = 0.03  # sigma of the receiver's attitude, rad
 TAIL: Final = 9.0  # variances; larger squared errors have less and less weight
 
 _POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # possible sigmas of the receiver's place, m
@@ -145,6 +147,16 @@ class DipoleReadings:
         self.told, self.limit = told.ravel(), limit.ravel()
 
     @property
+    def telling(self) -> DipoleReadings:
+        """These readings without a δ that tells nothing: with one antenna it is the same everywhere."""
+        if all(self._antennas[0]):
+            return self
+        there = copy.copy(self)
+        there.told = self.told.copy()
+        there.told[3::2] = False  # number 0 is the prior
+        return there
+
+    @property
     def sloping(self) -> bool:
         """True if the ground below readings is known."""
         return not bool(np.isnan(self._ground).all())
@@ -175,10 +187,11 @@ class Fit(NamedTuple):
     slopes: Array  # (K, 7, M) of the error over x
 
 
-def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT) -> Fit:
+def evaluate(x: Array, o: DipoleReadings, pose_error: float, chance: float = 1.0) -> Fit:
     """Compare hypotheses (K, 7) with readings, which may be at other places (K, 3, N) for each.
 
-    `pose_error`, `tilt`: sigmas of the receiver's place on each axis [m], and of its attitude [rad]; both by chance.
+    `pose_error`: sigma of the receiver's place on each axis, by chance [m]. `chance`: size of the other errors by
+    chance, of its attitude and of unknown causes, in usual ones.
     """
     m, (rho2, n, along, h) = x[:, 3:6, None], _field(x, o)
     h2 = _dot(h, h) + 1e-20
@@ -206,7 +219,8 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT)
 
     e, j = error.view(float), slopes.view(float)
     slope = np.add.reduce(j[:, :3] ** 2, axis=1)
-    variance = (tilt**2 * hidden[:, 0]).repeat(2, axis=1) + o.variance.ravel()
+    by_chance = (_TILT**2 * hidden[:, 0]).repeat(2, axis=1) + np.tile(_CHANCE, len(o.said))
+    variance = chance**2 * by_chance + o.variance.ravel()
     total = pose_error**2 * slope + variance
     squared = e**2 / total
     tail = 1 + squared / TAIL
@@ -223,11 +237,17 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float, tilt: float = TILT)
 
 
 def leaning(x: Array, o: DipoleReadings) -> Array:
-    """Return the slopes (K, 2, M) of the errors of `evaluate` over the receiver's roll and pitch [1/rad]."""
+    """Return (K, 3, M) the slopes of the errors of `evaluate` over the receiver's roll and pitch [1/rad].
+
+    The last is the error if the yaw is one of the compass: it turns about the vertical, and a mount about the
+    receiver's own axis. For a level receiver both are the same.
+    """
     *_, h = _field(x, o)
     down = np.cross(o.axis.real, o.axis.imag, axis=0)
     across = np.where(o.inner, 0, _dot(down, h) / (_dot(o.axis, h) + 1e-12))
-    slopes = np.concatenate([1j * across, -across], axis=1).view(float)
+    roll, pitch = 1j * across, -across
+    compass = x[:, 6:, None] * (o.axis[2].real * roll + o.axis[2].imag * pitch)
+    slopes = np.concatenate([roll, pitch, compass], axis=1).view(float)
     slopes[:, :, :2] = 0  # number 0 is the prior
     return slopes
 

@@ -21,6 +21,7 @@ from arva_hil.search.strategies.strategy import Covariance
 
 DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
+_EXACT_M: Final = (0.001, 0.003)  # the same for exact ones
 
 _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
@@ -28,8 +29,8 @@ _FARTHEST_M: Final = 2.0  # longest step
 _SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
 _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
-_SCALES: Final = (1.0, 0.5, 0.25)  # sizes of all errors that are tried, as shares of those assumed
-_DISCOUNT: Final = 2.5  # divides the evidence of the readings: their errors are less independent than in the fit
+_LEAST: Final = 0.5  # least size of all errors of a fit, as a share of those assumed
+_DISCOUNT: Final = 2.0  # divides the evidence of the readings: their errors are less independent than in the fit
 _LIKELY: Final = 0.003  # least share of a fit that is fitted again
 # Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; a share of the field by
 # cos 2δ, and an angle by sin 2δ [rad], of unequal antennas; the power of d.
@@ -37,7 +38,6 @@ _LATE_S: Final = 0.3
 _UNEQUAL: Final = (0.07, 0.1)
 _LAW: Final = 0.05
 _LAW_M: Final = 3.0  # the law is right here
-_LEVEL: Final = 0.005  # sigma of the attitude of an exact receiver by chance, rad
 _MOUNT: Final = 0.03  # sigma of its roll and pitch against those of the vehicle, rad
 
 Array = NDArray[np.float64]
@@ -54,22 +54,24 @@ class ErrorSizes(NamedTuple):
     """Correlation time of the drift, and time constant of its filter."""
     receiver: float = 0.0
     """Sizes of the receiver's own errors, in usual ones: 0 for one without."""
-    tilt: float = dipole.TILT
-    """Sigma of its attitude, by chance [rad]."""
+    chance: float = 1.0
+    """Size of its errors by chance, as in `dipole.evaluate`: near 0 for an exact receiver."""
     mount: float = 0.0
     """Sigma of its roll and pitch against those of the vehicle [rad]."""
 
 
+# An exact receiver has errors by chance as small as those of its place.
 ANY: Final = tuple(
-    ErrorSizes(drift_m, white_m, times_s, receiver, tilt, _MOUNT)
+    ErrorSizes(drift_m, white_m, times_s, receiver, max(receiver, min(1.0, white_m / WHITE_M)), _MOUNT)
     for drift_m, times_s, white_m in (
-        *((0.0, _SLOW_S, white_m) for white_m in (0.01, 0.03, 0.1, 0.3)),
+        *((0.0, _SLOW_S, white_m) for white_m in (*_EXACT_M, 0.01, 0.03, 0.1, 0.3)),
         *((drift_m, _SLOW_S, 0.1) for drift_m in DRIFTS_M),
         *((drift_m, (600.0, _AT_ONCE_S), white_m) for drift_m in (0.5, 1.0, 2.0, 4.0) for white_m in (0.03, 0.1)),
         *((drift_m, (100.0, _AT_ONCE_S), 0.1) for drift_m in (0.3, 1.0)),
         *((drift_m, (tau_s, _AT_ONCE_S), 0.1) for drift_m in (0.3, 1.0, 2.0) for tau_s in (5.0, 20.0)),
     )
-    for receiver, tilt in ((0.0, _LEVEL), (1.0, dipole.TILT))
+    for receiver in (0.0, 1.0)
+    if not receiver or white_m not in _EXACT_M
 )
 
 
@@ -153,10 +155,10 @@ def fitted(
     while going:
         numbers = list(going)
         there.at = o.at - drift[numbers]
-        fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.tilt)
-        leaning = (
-            errors.mount * dipole.leaning(x[numbers], there) if errors.mount else np.zeros((len(numbers), 0, 2 * n))
-        )
+        fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.chance)
+        leaning = np.zeros((len(numbers), 0, 2 * n))
+        if errors.mount:
+            leaning = dipole.leaning(x[numbers], there) * [[errors.mount], [errors.mount], [1.0]]
         for row, k in enumerate(numbers):
             causes = np.concatenate([receiver, leaning[row]])
             one = _linear(fit, row, drift[k], errors.white_m, both, late_m, causes)
@@ -241,6 +243,7 @@ def place_now(
     smaller than assumed; then the fit is the same. `ahead_s`, `velocity`: as in `fitted`. `likely`: the fits that were
     likely a reading before; only these are fitted again.
     """
+    o = o.telling
     if likely:
         begin = {errors: [fit for of, fit in likely if of == errors] for errors, _ in likely}
         tried = [(errors, np.array([fit.x for fit in fits]), fits) for errors, fits in begin.items()]
@@ -255,28 +258,26 @@ def place_now(
         for errors, first, fits in tried
         for one in _apart(fitted(first, o, errors, 2 * _ROUNDS, fits, ahead_s, velocity))
     ]
-    share = _shares([one for _, one in every])
-    of_fit = share.sum(axis=0)
+    share, scale = _shares([one for _, one in every])
     places = np.array([one.now[:2] for _, one in every])
-    north, east = (of_fit @ places).tolist()
+    north, east = (share @ places).tolist()
     off = places - (north, east)
     each_now = np.array([one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2) for errors, one in every])
-    covariance = np.einsum("k,kij->ij", np.square(_SCALES) @ share, each_now) + (of_fit * off.T) @ off
+    covariance = np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off
     (nn, ne), (_, ee) = covariance.tolist()
-    best = every[int(of_fit.argmax())][1]
-    likely = [every[i] for i in np.flatnonzero(of_fit > _LIKELY)]
+    best = every[int(share.argmax())][1]
+    likely = [every[i] for i in np.flatnonzero(share > _LIKELY)]
     return PlaceNow((north, east), (nn, ne, ee), best.misfit / best.parts, likely)
 
 
-def _shares(fits: Sequence[DriftFit]) -> Array:
-    """Return the share (S, K) of each fit by its likelihood, with all of its errors smaller by each scale."""
-    scale = np.array(_SCALES)[:, None]
+def _shares(fits: Sequence[DriftFit]) -> tuple[Array, Array]:
+    """Return the share (K,) of each fit by its likelihood, and the factor (K,) of its variances that is likeliest."""
     cost, misfit, parts = (np.array(c) for c in zip(*((f.cost, f.misfit, f.parts) for f in fits), strict=True))
+    scale = np.clip(misfit / parts, _LEAST**2, 1.0)
     cost = cost - 0.5 * np.linalg.slogdet(np.array([one.covariance for one in fits]))[1]
-    cost = cost + 0.5 * misfit * (scale**-2 - 1) + parts * np.log(scale)
+    cost = cost + 0.5 * (misfit * (1 / scale - 1) + parts * np.log(scale))
     share: Array = np.exp((cost.min() - cost) / _DISCOUNT)
-    share /= share.sum()
-    return share
+    return share / share.sum(), scale
 
 
 def _apart(every: Sequence[DriftFit]) -> list[DriftFit]:
