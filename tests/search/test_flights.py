@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from arva_hil.autopilot.following.navigation import VehicleState
+from arva_hil.campaign.trial import FOUND
 from arva_hil.clock import StepClock
 from arva_hil.config import DEFAULT, parse
 from arva_hil.events import Event
@@ -42,6 +43,7 @@ from firmware_proto import Channel, Frame
 from tests.search.test_client import VICTIM, World
 from tests.search.world import PAPER, fly
 from tests.simulated_px4 import Px4
+from tools.bench import worlds
 from tools.bench.finds import flown
 from tools.fuzz import sensors
 
@@ -256,6 +258,13 @@ def test_a_dead_antenna_is_noticed_and_the_transmitter_found() -> None:
     assert "antenna_y=0" in one.faults
     assert one.kind == "found"
     assert one.error_m < 0.5
+
+
+@pytest.mark.parametrize("seed", [95033, 95048, 95199])
+def test_one_antenna_alone_confirms_a_place_that_is_right(seed: int) -> None:
+    one = worlds.fly("rssi", seed)
+    assert one.relative < 0.02
+    assert one.outcome == FOUND
 
 
 # What a search tells of itself to whoever watches: frames and where they were heard, beliefs, the place found

@@ -18,11 +18,12 @@ from arva_hil.model.receiver import Antennas, Zone
 from arva_hil.search.strategies.agreement import Evidence
 from arva_hil.search.strategies.dipole import (
     MOST,
+    POSE_ERRORS,
     DipoleReadings,
     Reading,
     evaluate,
     leaning,
-    likely_pose_error,
+    likely_pose_errors,
     refine,
     seeds,
 )
@@ -549,7 +550,8 @@ def test_hears_how_wrong_its_poses_are(wrong: float) -> None:
         receiver, truth, way = lying(seed)
         o = listen(receiver, way, wrong, seed)
         fit, _ = refine(truth[None], np.full(1, 1e-3), o, wrong, 10)
-        guesses.append(likely_pose_error(fit, 0, o))
+        (guess,), _ = likely_pose_errors(fit, np.zeros(1, int), o, POSE_ERRORS)
+        guesses.append(guess)
     assert wrong / 2 < np.median(guesses) < 2 * wrong
 
 

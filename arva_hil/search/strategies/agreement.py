@@ -23,7 +23,9 @@ _STEP_M: Final = 0.4  # keep a reading after this distance
 _STEP_S: Final = 1.0  # or after this time
 _AGAIN: Final = (0.2, 1.5)  # m, s: an equal reading beyond this distance, within this time, is the last one shown again
 _DOWN_M: Final = 0.5  # depth of the initial dipoles below the ground
-_TURNS: Final = 3  # directions of their moments: level ones within half a turn, and down; m and −m give equal readings
+# Directions of their moments, within half a turn, as m and −m give equal readings; and down.
+_TURNS: Final = 3
+_RISES: Final = (0.0, 0.7, -0.7)  # rad
 _NEAR_M: Final = 2.5  # a dipole within this distance is at the place
 
 _UNEXPLAINED_M: Final = 1.2  # largest error of the receiver's places
@@ -122,8 +124,9 @@ def beginning(place: tuple[float, float], history: History) -> Array:
     """Return dipoles (K, 7) to begin with: some at a place, and those that agree with the strongest reading."""
     o = history.nearest
     assert o is not None
-    level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.pi / _TURNS]
-    moments = dipole.MOMENT * np.array([*level, (0, 0, 1)])
+    turned = [(math.cos(a), math.sin(a)) for a in np.arange(_TURNS) * math.pi / _TURNS]
+    ways = [(x * math.cos(rise), y * math.cos(rise), math.sin(rise)) for rise in _RISES for x, y in turned]
+    moments = dipole.MOMENT * np.array([*ways, (0, 0, 1)])
     there = [[*place, (o.ground or 0.0) + _DOWN_M, *moment, 0.0] for moment in moments]
     return np.concatenate([there, dipole.seeds(o.position, o.bearing, o.d_m, o.ground)])
 

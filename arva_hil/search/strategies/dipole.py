@@ -39,7 +39,7 @@ _SILENCE: Final = (50.0, 0.1**2)  # the limit of reception [m], and its width
 _TILT: Final = 0.03  # sigma of the receiver's attitude, rad
 TAIL: Final = 9.0  # variances; larger squared errors have less and less weight
 
-_POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # possible sigmas of the receiver's place, m
+POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # possible sigmas of the receiver's place, m
 WIDE: Final = np.geomspace(0.03, 10.0, 16)  # the same for a place that may be wrong
 USUAL: Final = (0.1, 0.8)  # prior of such a sigma: its median, and the sigma of its logarithm
 _MODESTY: Final = 1.6  # a fit underestimates its own errors
@@ -187,11 +187,11 @@ class Fit(NamedTuple):
     slopes: Array  # (K, 7, M) of the error over x
 
 
-def evaluate(x: Array, o: DipoleReadings, pose_error: float, chance: float = 1.0) -> Fit:
+def evaluate(x: Array, o: DipoleReadings, pose_error: float | Array, chance: float = 1.0) -> Fit:
     """Compare hypotheses (K, 7) with readings, which may be at other places (K, 3, N) for each.
 
-    `pose_error`: sigma of the receiver's place on each axis, by chance [m]. `chance`: size of the other errors by
-    chance, of its attitude and of unknown causes, in usual ones.
+    `pose_error`: sigma of the receiver's place on each axis, by chance [m]; of all, or (K, 1). `chance`: size of the
+    other errors by chance, of its attitude and of unknown causes, in usual ones.
     """
     m, (rho2, n, along, h) = x[:, 3:6, None], _field(x, o)
     h2 = _dot(h, h) + 1e-20
@@ -252,7 +252,7 @@ def leaning(x: Array, o: DipoleReadings) -> Array:
     return slopes
 
 
-def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, rounds: int) -> tuple[Fit, Array]:
+def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float | Array, rounds: int) -> tuple[Fit, Array]:
     """Return hypotheses (K, 7) after at most so many steps of Levenberg and Marquardt, and the next dampings.
 
     `dampings` (K,) are those of the first step. It stops when no hypothesis improves.
@@ -279,13 +279,13 @@ def the_better(old: Fit, new: Fit, better: NDArray[np.bool_]) -> Fit:
     return Fit(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
 
 
-def likely_pose_error(fit: Fit, i: int, o: DipoleReadings, errors: Array = _POSE_ERRORS) -> float:
-    """Return the most likely of `errors` of the receiver's place [m], given the readings and hypothesis i."""
-    total = errors[:, None] ** 2 * fit.slope[i] + fit.variance[i]
-    tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (TAIL * total))
-    cost = 0.5 * np.add.reduce(o.told * (TAIL * tail + np.log(total)), axis=1)
-    surprise = 0.5 * (np.log(errors / USUAL[0]) / USUAL[1]) ** 2
-    return float(errors[np.argmin(cost + surprise)])
+def likely_pose_errors(fit: Fit, of: NDArray[np.intp], o: DipoleReadings, errors: Array) -> tuple[Array, Array]:
+    """Return for each hypothesis `of` a fit the likeliest of `errors` of the receiver's place [m], and its cost."""
+    total = errors[:, None, None] ** 2 * fit.slope[of] + fit.variance[of]
+    tail = np.log1p(_MODESTY * fit.error[of] ** 2 / (TAIL * total))
+    cost = 0.5 * np.add.reduce(o.told * (TAIL * tail + np.log(total)), axis=2)
+    cost += 0.5 * (np.log(errors / USUAL[0]) / USUAL[1])[:, None] ** 2  # the surprise
+    return errors[np.argmin(cost, axis=0)], np.min(cost, axis=0)
 
 
 def unexplained(x: Array, o: DipoleReadings, error_m: float, variances: float) -> NDArray[np.bool_]:

@@ -164,7 +164,7 @@ class Hypotheses:
         order = order[kept]
         self.x, self._damping, self.share = x[kept], damping[order], np.exp(-cost[kept])
         self.share /= self.share.sum()
-        self.pose_error = dipole.likely_pose_error(fit, int(order[0]), self.readings)
+        self.pose_error = float(dipole.likely_pose_errors(fit, order[:1], self.readings, dipole.POSE_ERRORS)[0][0])
         each = _CAUTION * np.linalg.inv(fit.information[order])
         self._yaw_sigma = math.sqrt(each[0, 6, 6])
         self._spread(each[:, :2, :2])

@@ -29,6 +29,7 @@ _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
 _SOME_ROUNDS, _MORE_ROUNDS = 4, 15  # rounds under a drift: for the choice, and for the final fit
 _FEW, _FEWER = 3, 2  # hypotheses; the same under a drift
+_ROUGH_FIT_M: Final = 0.3  # error of the receiver's places, at first
 _PASSES: Final = ((2, 12), (4, _FEW), (6, _FEW))  # rounds, and the hypotheses that are kept after them
 _ODD: Final = 4.0  # prior cost of any cause except the usual drift
 _NEWEST: Final = 32  # newest readings, which are all used
@@ -194,26 +195,27 @@ class History:
         if near is not None:
             one = near.best
             return _drifts(cause, there, fitted(one.x[None], there, ErrorSizes(drift_m), _MORE_ROUNDS, [one]))
-        error = max(0.3, drift_m)
         nearest = min((o for o in self._read if o.time_s >= cause.since_s), key=_distance, default=self._read[-1])
         position, _ = self.at(nearest.time_s - nearest.age_s - cause.lag_s)
         given = x[:_FEW]
         if cause != Cause(lag_s=cause.lag_s):
             x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m, nearest.ground)])
             x = np.unique(x, axis=0)
-        damping = np.full(len(x), 0.01)
+        damping, errors = np.full(len(x), 0.01), np.full(len(x), max(_ROUGH_FIT_M, drift_m))
         for rounds, kept in _PASSES:
-            fit, damping = dipole.refine(x, damping, there, error, rounds)
-            best = np.argsort(fit.cost, kind="stable")[:kept]
-            x, damping = fit.x[best], damping[best]
-            if kept == _FEW and not drift_m:
-                error = dipole.likely_pose_error(fit, int(best[0]), there, dipole.WIDE)
+            fit, damping = dipole.refine(x, damping, there, errors[:, None], rounds)
+            costs = fit.cost
+            if not drift_m:  # with the same large error for all, a wrong dipole may be the better one
+                errors, costs = dipole.likely_pose_errors(fit, np.arange(len(x)), there, dipole.WIDE)
+            best = np.argsort(costs, kind="stable")[:kept]
+            x, damping, errors, costs = fit.x[best], damping[best], errors[best], costs[best]
         if drift_m:
             begin = np.concatenate([given, x])
             rough = sorted(fitted(begin, there, ErrorSizes(drift_m), _SOME_ROUNDS), key=lambda one: one.cost)[:_FEWER]
             better = np.array([one.x for one in rough])
             return _drifts(cause, there, fitted(better, there, ErrorSizes(drift_m), _MORE_ROUNDS, rough))
-        (one,), costs = fitted(x[:1], there, ErrorSizes(white_m=error), 0), fit.cost[best]
+        error = float(errors[0])
+        (one,) = fitted(x[:1], there, ErrorSizes(white_m=error), 0)
         surprise = 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
         cost = one.cost + surprise + _ODD * (cause != NOTHING)
         return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
