@@ -34,29 +34,33 @@ def candidates(flight: RecordedFlight, index: int, surveyed: Floats | None, *, o
     for place in places:
         every = np.repeat(position.T[:, None], len(axes), axis=1)  # (3, axes, N)
         b = np.einsum("nij,ian->jan", body, field_of(every, place[:, None, None], moments.T[:, :, None]))
-        if one_antenna:
-            heard = [(mount, np.abs(math.cos(mount) * b[0] + math.sin(mount) * b[1])) for mount in _MOUNT_YAWS]
-        else:
-            flat = np.hypot(b[0], b[1])
-            heard = [(0.0, np.where(some.inner, np.sqrt(flat**2 + b[2] ** 2), flat))]
-        for mount, size in heard:
+        heard = [_by_one_antenna(b, mount) for mount in _MOUNT_YAWS] if one_antenna else [_by_both(b, some)]
+        for size, mount_yaw, spread in heard:
             residual = np.log(some.d_m) + np.log(np.maximum(size, 1e-200)) / 3
             middle = np.median(residual, axis=1)
-            cost = np.minimum(np.abs(residual - middle[:, None]) / 0.1, 5).mean(axis=1)
-            mounts = np.full(len(axes), mount)
-            if not one_antenna:
-                turn = 2 * (some.delta - np.arctan2(b[1], b[0]))
-                turned = np.isfinite(turn)
-                mean = np.where(turned, np.exp(1j * np.where(turned, turn, 0)), 0).sum(axis=1)
-                off = np.exp(1j * (np.where(turned, turn, 0) - np.angle(mean)[:, None])) - 1
-                spread = np.abs(np.where(turned, off, 0))
-                cost += np.minimum(spread / 0.4, 5).mean(axis=1)
-                mounts = -np.angle(mean) / 2
+            cost = np.minimum(np.abs(residual - middle[:, None]) / 0.1, 5).mean(axis=1) + spread
             for at in np.argsort(cost)[:2]:
                 log_kappa = 3 * middle[at] + math.log(4 * math.pi)
-                found.append((float(cost[at]), np.array([*place, *axes[at], log_kappa, mounts[at]])))
+                found.append((float(cost[at]), np.array([*place, *axes[at], log_kappa, mount_yaw[at]])))
     found.sort(key=lambda one: one[0])
     return [start for _, start in found[:_KEEP]]
+
+
+def _by_both(b: Floats, some: RecordedFlight) -> tuple[Floats, Floats, Floats]:
+    """Return the signals (A, N) of fields (3, A, N), the mount yaws (A,) by δ, and how far δ is from them (A,)."""
+    flat = np.hypot(b[0], b[1])
+    turn = 2 * (some.delta - np.arctan2(b[1], b[0]))
+    turned = np.isfinite(turn)
+    mean = np.where(turned, np.exp(1j * np.where(turned, turn, 0)), 0).sum(axis=1)
+    off = np.where(turned, np.exp(1j * (np.where(turned, turn, 0) - np.angle(mean)[:, None])) - 1, 0)
+    size = np.where(some.inner, np.sqrt(flat**2 + b[2] ** 2), flat)
+    return size, -np.angle(mean) / 2, np.minimum(np.abs(off) / 0.4, 5).mean(axis=1)
+
+
+def _by_one_antenna(b: Floats, mount_yaw: float) -> tuple[Floats, Floats, Floats]:
+    """Return the same for the antenna x alone, which has no δ."""
+    size = np.abs(math.cos(mount_yaw) * b[0] + math.sin(mount_yaw) * b[1])
+    return size, np.full(len(size), mount_yaw), np.zeros(len(size))
 
 
 def _places(some: RecordedFlight, position: Floats) -> list[Floats]:
