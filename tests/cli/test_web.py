@@ -154,7 +154,7 @@ def near(tmp_path: Path) -> Path:
 
 
 def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Tab, near: Path, tmp_path: Path) -> None:
-    program = start(*("demo", "--headless", "--scenario", near, "--speed", 3), *WEB, "--record", tmp_path / "record")
+    program = start(*("demo", "--headless", "--scenario", near, "--speed", 2), *WEB, "--record", tmp_path / "record")
     tab.open(url_of(program))
     label = tab.page.locator("#map")
     tab.shows("#phase", "homing in")
