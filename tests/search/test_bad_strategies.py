@@ -444,7 +444,7 @@ def test_in_real_time_velocities_come_every_fifth_of_a_second_from_one_that_bloc
             clock.wait(times[-1] + 0.2)
             assert clock.now() < WITHIN_S
     gaps = [b - a for a, b in itertools.pairwise(times)]
-    assert len(gaps) > 9
+    assert sum(gaps) > 1.9
     assert sorted(gaps)[-2] < 0.25  # one may be late where other programs compete for the processors
     assert in_words(mission.ended).startswith("the strategy has failed: it has not answered for 2.")
     assert [event for event in events if isinstance(event, StrategySlow)]
