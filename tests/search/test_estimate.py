@@ -111,9 +111,8 @@ def test_a_position_that_drifts_is_averaged_above_the_transmitter() -> None:
     """
     scenario = replace(draw(Random(50.0, (0.0, 2.0), model="pulsed", keying="modern"), 175), seed=175)
     result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
-    assert result.outcome == "found"
     assert result.error_m < 2.0
-    assert result.relative_m < 1.0
+    assert result.relative_m < 2 * result.relative_sigma_m < 1.0
 
 
 def test_it_reports_a_place_from_a_reading_beside_it() -> None:

@@ -567,6 +567,16 @@ def test_keeps_the_strongest_readings_of_too_many() -> None:
     assert o.said[0] == 0  # still what is known beforehand
 
 
+@pytest.mark.parametrize("near_m", [0.5, 1.0, 3.0])
+def test_an_exact_reading_has_the_variance_of_its_rounding(near_m: float) -> None:
+    d, delta = np.random.default_rng(5).uniform((near_m, 0.0), (near_m + 0.1, 60.0), (20_000, 2)).T
+    of_field = -3 * np.log(np.round(d, 2) / d)
+    of_angle = np.radians(np.round(delta) - delta)
+    o = DipoleReadings()
+    o.add((0.0, 0.0, -1.0), NORTH, near_m + 0.05, 0.5, inner=False)
+    assert o.variance[1] == pytest.approx([of_field.var(), of_angle.var()], rel=0.05)
+
+
 @given(
     st.lists(
         st.tuples(*[st.floats(-1e6, 1e6)] * 3, st.floats(-1, 700), st.floats(-2, 2), st.booleans()),
