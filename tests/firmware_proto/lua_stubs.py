@@ -447,10 +447,11 @@ class LuaDecoder:
     """A firmware_proto.Decoder that is the Lua one. `feed_ms` may be told how much work a pass may do."""
 
     def __init__(self, autopilot: Autopilot) -> None:
-        self._frames: list[tuple[int, Frame]] = []
+        frames: list[tuple[int, Frame]] = []  # no reference from Lua to this object: nobody would collect that circle
+        self._frames = frames
         self._port = autopilot.chunk_port
         self._decoder = autopilot.require("arva_receiver").Decoder(
-            lambda frame: self._frames.append((frame.time, as_frame(frame)))
+            lambda frame: frames.append((frame.time, as_frame(frame)))
         )
 
     def feed(self, chunk: bytes, now: float, work: float = math.inf) -> list[Frame]:
@@ -479,7 +480,7 @@ class LuaMessageDecoder:
     """
 
     def __init__(self, autopilot: Autopilot, script: Any = None) -> None:
-        messages: list[Any] = []  # no reference from Lua to this object: nobody would collect that circle
+        messages: list[Any] = []  # as above
         self._messages = messages
         self._feed = autopilot.feed_messages
         self._table = autopilot.table
