@@ -88,7 +88,7 @@ def test_a_replay_tells_the_readings_of_the_log(start: Start, flight: Path, tmp_
 
 def test_a_demo_tells_what_the_receiver_says_and_what_the_search_believes(start: Start, tmp_path: Path) -> None:
     program = start(
-        *("demo", "--headless", "--speed", 3, "--rate", 10, "--foxglove", 0, "--record", tmp_path / "run"),
+        *("demo", "--headless", "--rate", 10, "--foxglove", 0, "--record", tmp_path / "run"),
     )
     watcher = client(program)
     until(lambda: {"hypotheses", "95 %", "goal"} <= drawn(watcher))
