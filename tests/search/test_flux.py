@@ -497,6 +497,37 @@ def test_its_slope_over_a_compass_in_place_of_a_mount_is_that_of_its_errors(inne
     leans_with((0.0, 0.0, 1e-6), Rotation.from_rotvec(rng.uniform(-3, 3, (20, 3)) * (0, 0, 1)) * leans, inner)
 
 
+def test_the_moment_and_its_opposite_sound_alike() -> None:
+    rng = np.random.default_rng(3)
+    o, x = readings(rng, 20), hypotheses(rng, 5)
+    assert evaluate(x, o, 0.1).cost == pytest.approx(evaluate(x * [1, 1, 1, -1, -1, -1, 1], o, 0.1).cost)
+
+
+def test_a_receiver_that_hears_delta_turned_round_is_the_same() -> None:
+    x = hypotheses(np.random.default_rng(4), 3)
+    costs = []
+    for delta in (0.4, 0.4 - math.pi):
+        o = DipoleReadings()
+        o.add((3.0, 2.0, -1.0), np.eye(3), 12.0, delta, False)
+        costs.append(evaluate(x, o, 0.1).cost)
+    assert costs[0] == pytest.approx(costs[1])
+
+
+def test_finds_the_place_and_says_how_well() -> None:
+    normalised, errors = [], []
+    for seed in range(100):
+        receiver, truth, way = lying(seed)
+        o = listen(receiver, way, pose_error=0.1, seed=seed)
+        fit, _ = refine(truth[None], np.full(1, 1e-3), o, 0.1, 10)
+        off = fit.x[0, :2] - truth[:2]
+        covariance = np.linalg.inv(fit.information[0])[:2, :2]
+        normalised.append(off @ np.linalg.solve(covariance, off))
+        errors.append(math.hypot(*off))
+    assert np.median(errors) < 0.15
+    assert 0.5 < np.median(normalised) < 2.5  # 1.39 for two dimensions
+    assert np.mean(np.array(normalised) < 9.2) > 0.9  # 0.99
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_from_the_seeds_it_comes_to_the_truth(seed: int) -> None:
     receiver, truth, way = lying(seed)
