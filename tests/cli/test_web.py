@@ -151,7 +151,7 @@ def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Ta
     tab.open(url_of(program))
     label = tab.page.locator("#map")
     tab.shows("#phase", "homing in")
-    assert re.search(r"transmitter 1 at [\d.]+ m north", str(label.get_attribute("aria-label")))
+    assert "transmitter 1 at 20.0 m north, 5.0 m east" in str(label.get_attribute("aria-label"))
     tab.page.locator("#truth").click()
     assert "transmitter" not in str(label.get_attribute("aria-label"))
     assert not tab.page.locator("#channels .true").first.is_visible()

@@ -436,16 +436,16 @@ def test_in_real_time_velocities_come_every_fifth_of_a_second_from_one_that_bloc
     with closing(StrategyProcess(partial(Does, blocks, 1.0))) as worker:
         plan = SearchPlan(partial(Does, blocks), height=1.0, patience_s=2.0)
         mission = Mission(plan, clock.now(), AT, emit=events.append, worker=worker)
-        times = []
+        times, took_s = [], []
         while not mission.ended:
             times.append(clock.now())
             mission.on_frame(heard, clock.now(), AT, np.eye(3))
             assert mission.fly(clock.now(), AT)[:2] == (0.0, 0.0)
+            took_s.append(clock.now() - times[-1])
             clock.wait(times[-1] + 0.2)
             assert clock.now() < WITHIN_S
-    gaps = [b - a for a, b in itertools.pairwise(times)]
-    assert sum(gaps) > 1.9
-    assert sorted(gaps)[len(gaps) // 2] < 0.25  # most: other programs compete for the processors
+    assert times[-1] - times[0] > 1.9
+    assert sorted(took_s)[-2] < 0.05  # the computer may be late to wake up, and once in here
     assert in_words(mission.ended).startswith("the strategy has failed: it has not answered for 2.")
     assert [event for event in events if isinstance(event, StrategySlow)]
 
