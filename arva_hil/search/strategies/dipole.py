@@ -33,7 +33,7 @@ _ONE: Final = np.eye(7)
 # Variances of a reading, relative to the field or in radians².
 _NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
 _ANY: Final = 1.0  # of a reading without information
-_WHOLE: Final = (0.01 / math.sqrt(12), math.radians(1.0) / math.sqrt(12))  # sigmas of a rounded d [m] and δ
+_ROUNDED: Final = (0.01 / math.sqrt(12), math.radians(1.0) / math.sqrt(12))  # sigmas of a rounded d [m] and δ
 _CHANCE: Final = np.array([0.01**2, 0.02**2])  # of d and of δ, by unknown causes
 _SILENCE: Final = (50.0, 0.1**2)  # the limit of reception [m], and its width
 _TILT: Final = 0.03  # sigma of the receiver's attitude, rad
@@ -133,7 +133,7 @@ class DipoleReadings:
         _, noise, since_s = self._antennas
         noise = min(noise * d**6, _ANY) if time_s >= since_s else _ANY
         noise += 0.0 if heard else _SILENCE[1]
-        variance = noise + min(3 * _WHOLE[0] / d, _ANY) ** 2, noise + _WHOLE[1] ** 2
+        variance = noise + min(3 * _ROUNDED[0] / d, _ANY) ** 2, noise + _ROUNDED[1] ** 2
         return complex(-3 * math.log(d), delta), inner, (heard, heard and not inner), (not heard, False), variance
 
     def _show(self, n: int) -> None:
