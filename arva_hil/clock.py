@@ -145,10 +145,10 @@ class StepClock:
     """A clock that jumps to the end of each wait: waiting takes no time."""
 
     early_s = 0.0
+    epoch_us = 0
 
-    def __init__(self, start: float = 0.0, epoch_us: int = 0) -> None:
+    def __init__(self, start: float = 0.0) -> None:
         self._now = start
-        self.epoch_us = epoch_us
 
     def now(self) -> float:
         return self._now

@@ -134,9 +134,9 @@ _OTHER_PROTOCOLS: Final = (  # the bytes of a protocol → its name
 )
 
 
-def rate(times: Iterable[float], now: float, window_s: float = 2.0) -> float:
-    """Return messages per second in the last `window_s` [s]; 0 if there are fewer than two."""
-    recent = [t for t in times if t > now - window_s]
+def rate(times: Iterable[float], now: float) -> float:
+    """Return messages per second in the last 2 s; 0 if there are fewer than two."""
+    recent = [t for t in times if t > now - 2.0]
     return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 and now > recent[0] else 0.0
 
 

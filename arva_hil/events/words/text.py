@@ -134,18 +134,19 @@ def _zone(zone: int) -> str:
 
 _SHORT: Final = {"GLOBAL_POSITION_INT": "pos", "ATTITUDE": "att"}
 BETWEEN: Final = " | "
+_COLUMNS: Final = 100  # in a pipe
 _NAMES: Final = 3  # names take at most a third of the terminal's columns
 
 
-def status_lines(report: StatusReport, columns: int = 100) -> list[str]:
-    """Return one line of at most `columns` characters for each receiver, for a pipe.
+def status_lines(report: StatusReport) -> list[str]:
+    """Return one line of at most 100 characters for each receiver, for a pipe.
 
     It has the nearest transmitter, and the number of others received.
     """
     rows = list(_rows(report, in_columns=True))
     width = max((len(name) for name, _, _ in rows), default=0)
     return [
-        fit([f"{name:<{width}}  {first}" + (f" +{len(further)}" if further else "   "), *rest], columns)
+        fit([f"{name:<{width}}  {first}" + (f" +{len(further)}" if further else "   "), *rest], _COLUMNS)
         for name, (first, *further), rest in rows
     ]
 

@@ -32,6 +32,7 @@ from arva_hil.records.writing.search_log import OUTCOME, TRACK
 
 _NUMBERS: Final = "time_s north_m east_m down_m heading_deg v_north v_east v_down id d_cm delta_deg zone".split()
 _MOST_PHASES: Final = 64
+_POINTS: Final = 48  # of an ellipse
 
 
 @dataclass(frozen=True)
@@ -76,14 +77,14 @@ class RecordedPlace:
         """Words after the uncertainty on Earth if the autopilot does not report its accuracy, else ""."""
         return unless_reported(self.autopilot_sigma_m) if self.earth_covariance else ""
 
-    def outline(self, probability: float = 0.95, points: int = 48) -> list[tuple[float, float]]:
+    def outline(self, probability: float = 0.95) -> list[tuple[float, float]]:
         """Return that area's edge as (north, east), metres from the take-off point, closed; empty if unknown."""
         if (ellipse := self.ellipse(probability)) is None:
             return []
         major, minor, bearing = ellipse
         cos, sin = math.cos(bearing), math.sin(bearing)
         edge = []
-        for angle in (2 * math.pi * n / points for n in range(points)):
+        for angle in (2 * math.pi * n / _POINTS for n in range(_POINTS)):
             along, across = major * math.cos(angle), minor * math.sin(angle)
             edge.append((self.north + along * cos - across * sin, self.east + along * sin + across * cos))
         return [*edge, edge[0]]
