@@ -22,7 +22,7 @@ from arva_hil.search.strategies.strategy import Covariance
 DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
 _EXACT_M: Final = 0.001  # the same for exact ones
-_LEAST_M: Final = 0.002  # a place is not known better: errors of rounding are not independent
+_LEAST_M: Final = 0.0035  # a place is not known better: errors of rounding are not independent
 
 _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
@@ -264,7 +264,8 @@ def place_now(
     north, east = (share @ places).tolist()
     off = places - (north, east)
     each_now = np.array([one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2) for errors, one in every])
-    covariance = np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off + _LEAST_M**2 * np.eye(2)
+    covariance = np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off
+    np.fill_diagonal(covariance, np.maximum(covariance.diagonal(), _LEAST_M**2))
     (nn, ne), (_, ee) = covariance.tolist()
     best = every[int(share.argmax())][1]
     likely = [every[i] for i in np.flatnonzero(share > _LIKELY)]
