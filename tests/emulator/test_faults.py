@@ -125,7 +125,7 @@ TWO = "[{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [10, -8, 0]}]"
 
 def scenario(*faults: str, transmitters: str = TWO, noise: str = "{kind: uniform}", seed: str = "1") -> Scenario:
     return parse(
-        f"transmitters: {transmitters}\nreceiver: {{rate_hz: 10, noise: {noise}}}\nseed: {seed}\n"
+        f"spec: 2\ntransmitters: {transmitters}\nreceiver: {{rate_hz: 10, noise: {noise}}}\nseed: {seed}\n"
         f"faults: [{', '.join(f'{{{fault}}}' for fault in faults)}]",
         "test",
     )
@@ -432,9 +432,18 @@ def test_interference_is_said_and_makes_readings_wild() -> None:
     assert max(d[True]) - min(d[True]) > 5 * (max(d[False]) - min(d[False])) > 0
 
 
-def test_interference_is_heard_by_a_receiver_without_noise_too() -> None:
-    bench = quiet("interference: 30, from_s: 5")
-    assert any(s.frame.status & INTERFERENCE for s in bench.snapshots)
+@pytest.mark.parametrize("model", ["paper", "pulsed", "rssi"])
+def test_interference_is_heard_by_a_receiver_without_noise_too(model: str) -> None:
+    there = {
+        "transmitters": "[{id: 1, ned: [20, 0, 0], keying: {kind: modern}}]",
+        "noise": f"{{kind: off}}, model: {model}",
+    }
+    bench = Bench("interference: 30, from_s: 5, until_s: 15", **there)
+    during = [s for s in bench.snapshots if s.faults]
+    after = [s for s in bench.snapshots if s.instant_s > 17]  # no pulse heard during it is shown any more
+    assert sum(bool(s.frame.status & INTERFERENCE) for s in during) > 5
+    assert not any(s.frame.status & INTERFERENCE for s in after)
+    assert spread(during) > spread(after)
 
 
 def spread(snapshots: list[FrameMade]) -> float:

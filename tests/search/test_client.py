@@ -753,6 +753,24 @@ def test_an_autopilot_that_falls_silent_is_left_to_its_failsafe() -> None:
     world.stay_silent(10, since=world.clock.now())
 
 
+def test_an_autopilot_that_reports_its_mode_without_a_heartbeat_is_left_to_its_failsafe() -> None:
+    world = hunting(px4())
+    world.between = without(HEARTBEAT)
+    fell_silent = world.clock.now()
+    assert world.fail(10.0).startswith(f"the autopilot sends no heartbeat any more; {LEFT}: ")
+    assert 4 < world.clock.now() - fell_silent < 6
+    world.stay_silent(10, since=world.clock.now())
+
+
+def test_unplugged_while_it_lands_it_is_left_to_land() -> None:
+    world = reaching("flying", ardupilot(), take_off=4.0, height=4.0, patience_s=3.0)
+    silent(world)
+    world.reach("landing")
+    world.pass_s(1)
+    unplugged(world)
+    assert world.fail(1.0).endswith(f"memory:a: lost: closed by the far end; {LEFT}: it continues to land")
+
+
 @BOTH
 def test_without_a_pose_it_hovers_and_then_lands(make: Callable[[], Any]) -> None:
     world = hunting(make())

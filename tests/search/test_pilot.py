@@ -777,6 +777,21 @@ def test_a_joystick_of_px4_is_a_pilots(before: Any, axes: tuple[int, ...], what:
     is_given_to_the_pilot(world, f"a stick ({what}, by 70 %)")
 
 
+def test_a_radio_that_falls_silent_before_it_has_the_vehicle_does_not_get_it() -> None:
+    """ArduPilot's mode waits for a throttle in the middle."""
+    world = World(ardupilot())
+    radio = Radio(world, *AT_REST)
+    world.hunt()
+    moved = world.clock.now()
+    radio.pulses = (1800, 1500, 1900, 1500, *AT_REST[4:])
+    world.until(lambda: world.client._commander.phase.name == "YIELDING", 1.0)
+    radio.pulses = ()
+    how = world.fail(3.0)
+    assert "; the autopilot receives no radio, so the pilot cannot have it; " + LEFT in how
+    assert modes_ordered(world, moved) == []
+    world.stay_silent(10, since=world.clock.now())
+
+
 @BOTH
 def test_a_switch_of_the_radio_is_a_pilots(make: Callable[[], Any]) -> None:
     """PX4 may report a mode of 12 ms, set between two reports and flown over, by nothing else."""

@@ -439,8 +439,6 @@ class Commander(FlightState):
             _HANDLERS[msgid](self, message, now)
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
-        if message.autopilot != self._vehicle.autopilot:
-            return
         self.authority.on_mode(message.custom_mode, self._read_since, now)
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         if not self.phase.active:
