@@ -554,6 +554,13 @@ def test_a_mode_that_was_not_ordered_ends_all_orders(phase: Phase, autopilot: in
     assert told.beat(told.steer, armed=True).hear(60.0) == []
 
 
+def test_a_vehicle_whose_home_is_not_known_is_not_taken_over() -> None:
+    flight = Flight(ardupilot())
+    flight.session.navigation.home = None
+    with pytest.raises(ValueError, match="its pose, its home or its mode is not known"):
+        flight.commander.take_over(flight.now)
+
+
 @pytest.mark.parametrize("phase", [Phase.FLYING, Phase.LANDING])
 def test_hold_is_a_take_over_of_px4_too(phase: Phase) -> None:
     told = at(phase, PX4)

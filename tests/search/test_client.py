@@ -762,6 +762,14 @@ def test_an_autopilot_that_reports_its_mode_without_a_heartbeat_is_left_to_its_f
     world.stay_silent(10, since=world.clock.now())
 
 
+def test_a_far_end_that_was_gone_for_a_moment_may_be_another_vehicle() -> None:
+    world = hunting(ardupilot())
+    went = world.clock.now()
+    world.autopilot.losses, world.autopilot.why = 1, "memory:a: closed by the far end"
+    assert world.fail(1.0) == f"memory:a: closed by the far end; {LEFT}: {GUIDED_ALONE}"
+    assert world.orders(went + 0.3) == []
+
+
 def test_unplugged_while_it_lands_it_is_left_to_land() -> None:
     world = reaching("flying", ardupilot(), take_off=4.0, height=4.0, patience_s=3.0)
     silent(world)

@@ -17,7 +17,9 @@ from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import (
     PlaceDoubted,
+    PlaceFound,
     ReceiverGone,
+    ReceiverTurned,
     SearchPaused,
     SearchResumed,
     TooLow,
@@ -574,6 +576,15 @@ def test_it_ends_at_the_place_found_and_a_descent_flies_the_rest(
     assert m.fly(104.0, (3.0, 3.9 - near_m, -1.0))[:2] != STILL  # without a frame: it is known where to
     assert m.fly(105.5, (3.0, 4.1 - near_m, -1.0))[:2] == STILL
     assert (in_words(m.ended), m.progress.searched_s) == (FOUND, 5.5)
+
+
+@pytest.mark.usefixtures("believed")
+def test_a_receiver_turned_from_the_heading_is_told_with_the_place(m: Told, strategy: type[Scripted]) -> None:
+    strategy.finds = Found(3.0, 4.0, turned_deg=-9.0)
+    heard(m, beacon(1, 1), at_s=101.0)
+    told = [event for event in m.news() if isinstance(event, (PlaceFound, ReceiverTurned))]
+    assert [type(event) for event in told] == [PlaceFound, ReceiverTurned]
+    assert told[1] == ReceiverTurned(101.0, 1, -9.0)
 
 
 @pytest.mark.usefixtures("believed")

@@ -163,6 +163,16 @@ def test_what_held_for_a_vehicle_does_not_hold_after_it_has_rebooted() -> None:
     world.until(lambda: world.session.navigation.reboots)
     world.port.says = says
     assert world.end()[0] == "refused"
+
+
+def test_nor_after_a_pause_in_which_it_may_have_become_another_one() -> None:
+    world = world_of(SimulatedVehicle(HOME), 30.0)
+    says, world.port.says = world.port.says, lambda now: None
+    world.until(lambda: world.client._preflight._permission._check.answer)
+    world.between = truthless
+    world.clock.wait(world.clock.now() + 2.0)
+    world.port.says = says
+    assert world.end()[0] == "refused"
     assert world.orders() == []
 
 
