@@ -23,8 +23,9 @@ from arva_hil.config import (
     Transmitter,
     parse,
 )
+from arva_hil.config.receiver import SlingOptions
 from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup, one_vehicle
 from arva_hil.emulator.true_state import PoseError, SimulatorTruth
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
 from arva_hil.events.reasons import NoPose
@@ -207,6 +208,34 @@ def test_what_is_reported_late_is_where_the_vehicle_was() -> None:
     bench.go_on(2.9)
     assert offsets(bench.posed)[-1] == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
     assert bench.posed[-1].age_s < 0.1
+
+
+def test_what_hangs_on_a_rope_is_reported_straight_below() -> None:
+    hanging = replace(QUIET.receiver, mount=MountOptions(sling=SlingOptions(6.0)))
+    error = NavigationError(bias_ned=(3.0, 0.0, 0.0))
+    bench = Bench(replace(QUIET, receiver=hanging, navigation_error=error), gps_noise_m=0.0)
+    last = bench.posed[-1]
+    assert last.pose.position - last.reported_pose.position == pytest.approx([3.0, 0.0, 0.0], abs=0.01)
+    assert last.pose.position[2] == pytest.approx(6.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "late_s"),
+    [(QUIET, 0.0), (TRUTH, 0.0), (replace(QUIET, navigation_error=NavigationError(latency_s=0.5)), 0.5)],
+    ids=["estimate", "truth", "latency"],
+)
+def test_with_look_ahead_a_frame_waits_until_its_true_pose_is_known(chosen: Scenario, late_s: float) -> None:
+    vehicle, late = SimulatedVehicle(HOME), list[float]()
+    emulator = Emulator([one_vehicle(chosen, Session())], start=0.0, look_ahead_s=5.0)
+    for step in range(100):
+        now, diary = step / 10, Diary()
+        emulator.receive("autopilot", vehicle.poll(now), now)
+        for output in turn(emulator, now, diary):
+            if output.link == "autopilot":
+                vehicle.feed(output.data, now)
+        late += [now - frame.instant_s for frame in diary.frames if frame.pose]
+    assert len(late) > 20
+    assert late_s - 0.01 < min(late) <= max(late) < late_s + 0.3
 
 
 def test_a_walk_has_its_size_and_its_correlation_time() -> None:
