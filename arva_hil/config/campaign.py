@@ -302,7 +302,8 @@ class CampaignPlan(Table):
             if teams and min(teams) < (every := of.victims or count):
                 yield Violation(f"1, or {every} at least: each finds one", str(min(teams)), path=("drones",))
             if teams and isinstance(one, Scenario) and one.output_format not in formats_with_ids():
-                yield Violation("1: several need frames with ids", f"{one.output_format} of {name}", path=("drones",))
+                found = f"{min(teams)} with frames of {name} in the format {one.output_format}"
+                yield Violation("1: several need frames with ids", found, path=("drones",))
 
 
 def _by_strategy(plan: Any) -> Iterator[tuple[str, Number, Any]]:

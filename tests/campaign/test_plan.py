@@ -239,6 +239,15 @@ def test_one_error_of_the_position_is_flown_and_not_two(tmp_path: Path) -> None:
     assert line == f"{tmp_path}/p.yaml:3:14: {expected}"
 
 
+def test_several_drones_need_frames_with_ids(tmp_path: Path) -> None:
+    two = "[{id: 1, ned: [5, 5, 0]}, {id: 2, ned: [-5, 5, 0]}]"
+    (tmp_path / "s.yaml").write_text(f"spec: 2\noutput: {{format: text}}\ntransmitters: {two}\n")
+    text = "strategies: flux\nscenarios: s.yaml\nvictims: 2\ndrones: [1, 2]\n"
+    (line,) = mistakes(text, str(tmp_path / "p.yaml"))
+    expected = "drones: 2 with frames of s in the format text, expected 1: several need frames with ids"
+    assert line == f"{tmp_path}/p.yaml:4:9: {expected}"
+
+
 def test_a_plan_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     for path, why in [(tmp_path / "none.yaml", "No such file"), (tmp_path, "Is a directory")]:
         with pytest.raises(ScenarioError, match=rf"{path}:1:1: {why}.*, expected the plan of a campaign"):

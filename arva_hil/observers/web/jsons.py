@@ -110,9 +110,6 @@ class TextHistory:
         self._stride = 1
         self._passed = 0  # number of texts that have left _recent
 
-    def __len__(self) -> int:
-        return len(self._old) + len(self._recent)
-
     def extend(self, texts: Iterable[str], version: int) -> None:
         """Add texts that came with `version`, which is not below the one before."""
         self._recent += ((version, text) for text in texts)

@@ -47,10 +47,6 @@ class FittedValue:
     identified: bool
     like: str = ""
 
-    def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name} {self.value:.4g}{unit} ({self.low:.4g} … {self.high:.4g})"
-
 
 def name_of(id_: int) -> str:
     """Return the name of a transmitter in the names of its parameters."""
