@@ -168,6 +168,21 @@ def test_a_surveyed_place_100_m_off_is_said(tmp_path: Path) -> None:
     assert 80 < float(doubt.split("about ")[1].split(" m")[0]) < 115
 
 
+def test_what_cannot_be_fitted_is_said(exact: tuple[Path, Scenario, dict[str, float]]) -> None:
+    whole = load(exact[0])
+    (receiver,) = whole.receivers
+    for receivers, why in (
+        ((receiver, receiver), "expected a record of one receiver, found 2"),
+        ((), "expected a record of one receiver, found 0"),
+        ((replace(receiver, time_s=receiver.time_s + 9e3),), "the autopilot's packets do not cover the readings"),
+    ):
+        with pytest.raises(FitError, match=why):
+            flight_of(replace(whole, receivers=receivers))
+    flight = flight_of(whole)
+    with pytest.raises(FitError, match=r"different transmitters \(.*: 1; .*: 7\): fit them one by one"):
+        fit([flight, replace(flight, ids=(7,))], "paper", EXACT)
+
+
 def test_what_a_record_lacks_is_said(tmp_path: Path) -> None:
     chosen, _ = drawn(1)
     hover = [Waypoint(0, 10, 0, -4, 0), Waypoint(12, 12, 0, -4, 0)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -289,6 +290,27 @@ def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
     assert refused(tmp_path) == f": there is no run.json and no search.csv in it{missing}"
     (tmp_path / "flight.tlog").touch()
     assert refused(tmp_path / "flight.tlog") == f": is not a folder{missing}"
+
+
+@pytest.mark.parametrize(
+    ("module", "limit", "most", "said"),
+    [
+        ("lines", "_LARGEST_OBJECT", 100, "/run.json: is larger than 100 bytes: this is no file of a record"),
+        ("folder", "_MOST_FAULTS", 0, "/readings.csv:2: more than 0 different sets of faults"),
+        ("search", "_MOST_PHASES", 1, "/search.csv:12: more than 1 kinds of phases"),
+    ],
+)
+def test_a_file_that_would_fill_the_memory_is_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, module: str, limit: str, most: int, said: str
+) -> None:
+    monkeypatch.setattr(f"arva_hil.records.reading.{module}.{limit}", most)
+    assert re.sub("csv:[0-9]+", "csv:N", refused(folder)) == re.sub("csv:[0-9]+", "csv:N", said)
+
+
+def test_a_cell_without_an_end_is_no_line_of_csv(folder: Path) -> None:
+    with open(folder / "readings.csv", "a") as file:
+        file.write('"' + 4 * (60_000 * "1" + "\n"))
+    assert "is no line of CSV: " in refused(folder)
 
 
 NEWER = "is newer than this program, which reads up to 1: update arva-hil"
