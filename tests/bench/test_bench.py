@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import threading
+from contextlib import closing
+from io import BufferedReader
 from pathlib import Path
 
 import pytest
 from serial import SerialException
 
 from arva_hil import Bench, BenchError, LinkError
-from arva_hil.links import memory
+from arva_hil.clock import StepClock
+from arva_hil.links import memory, open_link
 from arva_hil.mavlink.codec import Parser
 from firmware_proto import Command, Decoder
 from firmware_proto.commands import encode_command
@@ -109,6 +112,33 @@ def test_a_read_that_waits_lets_virtual_time_pass() -> None:
         bench.unplug()
         with pytest.raises(SerialException):
             serial.read(1)
+
+
+def test_frames_go_out_over_udp_and_the_far_end_is_the_programs_own() -> None:
+    with Bench(port="udp") as bench, closing(open_link(bench.port, clock=StepClock())) as far:
+        with pytest.raises(BenchError, match=r"udpin:.* is not at this end: open the far end yourself"):
+            bench.serial()
+        made = bench.advance(3)
+        assert [one.frame for one in made] == Decoder().feed(far.read(), 0.0)
+
+
+def test_a_port_in_memory_is_read_as_pyserial_s_own() -> None:
+    with Bench("builtin:default", port="memory") as bench:
+        serial = bench.serial(timeout=0)
+        assert serial.is_open
+        bench.advance(2)
+        assert serial.in_waiting == 66
+        (one,) = Decoder().feed(BufferedReader(serial, 33).read(33), 0.0)
+        assert one == bench.frames[0].frame
+        bench.advance(1)
+        serial.reset_input_buffer()
+        assert serial.in_waiting == 0
+    assert not serial.is_open
+
+
+def test_a_clock_is_virtual_or_real() -> None:
+    with pytest.raises(BenchError, match="clock: 'fast', expected 'virtual' or 'real'"):
+        Bench(clock="fast")  # type: ignore[arg-type]
 
 
 def test_a_command_of_the_host_is_answered() -> None:
