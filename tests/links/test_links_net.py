@@ -214,6 +214,17 @@ def test_udpin_joins_what_each_sent_in_the_order_of_their_first(keep: Keep) -> N
         step(of)
 
 
+def test_what_the_vehicle_sent_comes_before_all_else(keep: Keep) -> None:
+    of = Several(UdpInLink, keep)
+    for step in (
+        follows("one"),
+        sends("other", b"a"),
+        sends("one", b"b"),
+        comes(("one", b"b"), ("other", b"a")),
+    ):
+        step(of)
+
+
 def test_every_consumer_that_sent_a_datagram_gets_the_frames(udpin: UdpInLink, keep: Keep) -> None:
     consumers = [keep(UdpOutLink("127.0.0.1", udpin.port)) for _ in range(9)]
     for consumer in consumers:
