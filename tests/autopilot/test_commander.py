@@ -554,6 +554,16 @@ def test_a_mode_that_was_not_ordered_ends_all_orders(phase: Phase, autopilot: in
     assert told.beat(told.steer, armed=True).hear(60.0) == []
 
 
+@pytest.mark.parametrize("pinned", [False, True])
+def test_a_heartbeat_of_another_kind_of_autopilot_does_not_reach_the_commander(pinned: bool) -> None:
+    flight = Flight(ardupilot())
+    if pinned:
+        flight.session.pin()
+    beat = Encoder(1, 1).pack(dialect.MAVLink_heartbeat_message(2, PX4, 128, HOLD, 4, 3))
+    received = flight.session.feed(beat, flight.now)
+    assert (len(received.own), len(received.others)) == (0, 1)
+
+
 def test_a_vehicle_whose_home_is_not_known_is_not_taken_over() -> None:
     flight = Flight(ardupilot())
     flight.session.navigation.home = None

@@ -123,9 +123,12 @@ class Bench(Flown):
 TWO = "[{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [10, -8, 0]}]"
 
 
-def scenario(*faults: str, transmitters: str = TWO, noise: str = "{kind: uniform}", seed: str = "1") -> Scenario:
+def scenario(
+    *faults: str, transmitters: str = TWO, noise: str = "{kind: uniform}", model: str = "paper", seed: str = "1"
+) -> Scenario:
+    receiver = f"{{rate_hz: 10, noise: {noise}, model: {model}}}"
     return parse(
-        f"spec: 2\ntransmitters: {transmitters}\nreceiver: {{rate_hz: 10, noise: {noise}}}\nseed: {seed}\n"
+        f"spec: 2\ntransmitters: {transmitters}\nreceiver: {receiver}\nseed: {seed}\n"
         f"faults: [{', '.join(f'{{{fault}}}' for fault in faults)}]",
         "test",
     )
@@ -389,8 +392,8 @@ def test_a_late_loop_sends_the_same_bytes_in_the_same_order() -> None:
 # -- what is heard -------------------------------------------------------------------------------------------------
 
 
-def quiet(*faults: str, transmitters: str = TWO, seconds: float = 20.0) -> Bench:
-    return Bench(*faults, seconds=seconds, transmitters=transmitters, noise="{kind: off}")
+def quiet(*faults: str, transmitters: str = TWO, seconds: float = 20.0, model: str = "paper") -> Bench:
+    return Bench(*faults, seconds=seconds, transmitters=transmitters, noise="{kind: off}", model=model)
 
 
 def test_a_transmitter_off_is_not_heard_and_the_other_is_as_before() -> None:
@@ -434,11 +437,8 @@ def test_interference_is_said_and_makes_readings_wild() -> None:
 
 @pytest.mark.parametrize("model", ["paper", "pulsed", "rssi"])
 def test_interference_is_heard_by_a_receiver_without_noise_too(model: str) -> None:
-    there = {
-        "transmitters": "[{id: 1, ned: [20, 0, 0], keying: {kind: modern}}]",
-        "noise": f"{{kind: off}}, model: {model}",
-    }
-    bench = Bench("interference: 30, from_s: 5, until_s: 15", **there)
+    one = "[{id: 1, ned: [20, 0, 0], keying: {kind: modern}}]"
+    bench = quiet("interference: 30, from_s: 5, until_s: 15", transmitters=one, model=model)
     during = [s for s in bench.snapshots if s.faults]
     after = [s for s in bench.snapshots if s.instant_s > 17]  # no pulse heard during it is shown any more
     assert sum(bool(s.frame.status & INTERFERENCE) for s in during) > 5

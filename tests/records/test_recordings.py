@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from pathlib import Path
 
 import numpy as np
@@ -296,15 +295,15 @@ def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
     ("module", "limit", "most", "said"),
     [
         ("lines", "_LARGEST_OBJECT", 100, "/run.json: is larger than 100 bytes: this is no file of a record"),
-        ("folder", "_MOST_FAULTS", 0, "/readings.csv:2: more than 0 different sets of faults"),
-        ("search", "_MOST_PHASES", 1, "/search.csv:12: more than 1 kinds of phases"),
+        ("folder", "_MOST_FAULTS", 0, "/readings.csv:26: more than 0 different sets of faults"),
+        ("search", "_MOST_PHASES", 1, "/search.csv:7: more than 1 kinds of phases"),
     ],
 )
 def test_a_file_that_would_fill_the_memory_is_refused(
     folder: Path, monkeypatch: pytest.MonkeyPatch, module: str, limit: str, most: int, said: str
 ) -> None:
     monkeypatch.setattr(f"arva_hil.records.reading.{module}.{limit}", most)
-    assert re.sub("csv:[0-9]+", "csv:N", refused(folder)) == re.sub("csv:[0-9]+", "csv:N", said)
+    assert refused(folder) == said
 
 
 def test_a_cell_without_an_end_is_no_line_of_csv(folder: Path) -> None:

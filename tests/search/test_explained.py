@@ -51,8 +51,9 @@ def test_the_readings_of_a_transmitter_found_are_explained_and_nearer_ones_are_o
 def test_a_direction_that_is_not_its_own_is_of_another_as_near() -> None:
     o = reading(0.0, 0.0, 2.0)
     assert not o.inner
-    assert not explains(o._replace(delta_deg=(o.delta_deg + 60 + 90) % 180 - 90))
-    assert explains(o._replace(delta_deg=(o.delta_deg + 60 + 90) % 180 - 90, d_cm=2 * o.d_cm))  # none is as near
+    other = o._replace(delta_deg=(o.delta_deg + 60 + 90) % 180 - 90)
+    assert not explains(other)
+    assert explains(other._replace(d_cm=2 * o.d_cm))  # none is as near
 
 
 def test_before_anything_is_found_nothing_is_explained() -> None:

@@ -163,6 +163,7 @@ def test_what_held_for_a_vehicle_does_not_hold_after_it_has_rebooted() -> None:
     world.until(lambda: world.session.navigation.reboots)
     world.port.says = says
     assert world.end()[0] == "refused"
+    assert world.orders() == []
 
 
 def test_nor_after_a_pause_in_which_it_may_have_become_another_one() -> None:
