@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from collections.abc import Callable
 from random import Random
@@ -99,6 +100,41 @@ def test_a_bus_that_is_lost_is_opened_again(keep: Keep) -> None:
         receiver.write(FRAME)
         receiver.read()
     assert receive(autopilot, len(FRAME)).startswith(FRAME)
+
+
+def test_a_full_bus_loses_frames_and_stays_open(keep: Keep, monkeypatch: pytest.MonkeyPatch) -> None:
+    receiver, autopilot = ends(keep, "virtual:full")
+    with monkeypatch.context() as full:
+        error = can.CanOperationError("no buffer space available", errno.ENOBUFS)
+        full.setattr(can.interfaces.virtual.VirtualBus, "send", raising(error))
+        assert not receiver.write(FRAME)
+    assert receiver.dropped == 1
+    assert receiver.write(FRAME)
+    assert receive(autopilot, len(FRAME)) == FRAME
+
+
+def test_a_bus_that_does_not_send_is_lost(keep: Keep, monkeypatch: pytest.MonkeyPatch) -> None:
+    receiver, _ = ends(keep, "virtual:broken")
+    monkeypatch.setattr(can.interfaces.virtual.VirtualBus, "send", raising(can.CanOperationError("it is gone")))
+    with pytest.raises(LinkError, match="lost: it is gone; is the CAN adapter plugged in"):
+        receiver.write(FRAME)
+
+
+def test_a_bus_that_is_off_is_lost(keep: Keep) -> None:
+    receiver, _ = ends(keep, "virtual:off")
+    with can.Bus(interface="virtual", channel="off") as bus:
+        bus.send(can.Message(is_error_frame=True, arbitration_id=0x04))  # a warning changes nothing
+        assert receiver.read() == b""
+        bus.send(can.Message(is_error_frame=True, arbitration_id=0x40))
+        with pytest.raises(LinkError, match="the bus is off: check wires, termination and bit rate"):
+            receiver.read()
+
+
+def raising(error: Exception) -> Callable[..., None]:
+    def send(*_: object) -> None:
+        raise error
+
+    return send
 
 
 def test_a_missing_package_is_an_error_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
