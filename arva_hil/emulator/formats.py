@@ -153,8 +153,8 @@ class MavlinkDecoder(FrameDecoder):
 
 
 def zone_of(d: int, delta: int) -> int:
-    """Return the zone, concluded from distance and angle."""
-    if d < 0:
+    """Return the zone, concluded from distance and angle. 0 is no distance: some receivers send it without a signal."""
+    if d <= 0:
         return firmware_proto.OUTER
     return firmware_proto.INNER if d <= 300 and delta == 0 else firmware_proto.MID
 

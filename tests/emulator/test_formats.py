@@ -78,7 +78,8 @@ def test_a_float_that_no_receiver_can_have_sent_makes_no_such_reading(name: str,
 @pytest.mark.parametrize(
     ("d", "delta", "zone"),
     [
-        *[(0, 0, firmware_proto.INNER), (300, 0, firmware_proto.INNER), (301, 0, firmware_proto.MID)],
+        *[(0, 0, firmware_proto.OUTER), (1, 0, firmware_proto.INNER)],
+        *[(300, 0, firmware_proto.INNER), (301, 0, firmware_proto.MID)],
         *[(300, 1, firmware_proto.MID), (300, -1, firmware_proto.MID), (301, 1, firmware_proto.MID)],
     ],
 )

@@ -219,7 +219,7 @@ class ReceiverLog:
         pose = self._mounting.pose(seen.pose, came.t - self._start, swings=True)
         ranges = seen.transmitters.ranges(pose.position) if pose else {}
         slots = [
-            ChannelReading(c.id, c.zone or (zone_of(c.d, c.delta) if c.valid else c.zone), c.d, c.delta, None, c.marked)
+            ChannelReading(c.id, c.zone or zone_of(c.d, c.delta), c.d, c.delta, None, c.marked)
             for c in came.frame.channels  # some formats do not carry the zone
         ]
         status, instant_s = came.frame.status, came.t - self._start
