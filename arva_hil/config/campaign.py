@@ -289,14 +289,15 @@ class CampaignPlan(Table):
         if count > MOST_TRIALS:
             yield Violation(f"at most {MOST_TRIALS}", f"{count} trials")
         teams = [count for count in of.drones or () if count is not None and count > 1]
+        noise_m = max((one for one in of.gps_noise_m or () if one), default=0.0)  # a wrong one is None
         for name, one in of.scenarios.items() if isinstance(of.scenarios, Mapping) else ():
             count = one.count if isinstance(one, Random) else len(one.transmitters)
             if 0 < count < (wanted := of.victims or 1):
                 yield Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",))
-            if isinstance(one, Scenario) and one.navigation_error and any(of.gps_noise_m or ()):
+            if isinstance(one, Scenario) and one.navigation_error and noise_m:
                 yield Violation(
                     "0: the scenario has the error",
-                    f"{max(of.gps_noise_m):g} with the navigation_error of {name}",
+                    f"{noise_m:g} with the navigation_error of {name}",
                     path=("gps_noise_m",),
                 )
             if teams and min(teams) < (every := of.victims or count):

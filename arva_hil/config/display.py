@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from arva_hil.model.receiver.display import DisplayLaw
 
 _HEAD: Final = "h_na_m,d_m"
-_LARGEST: Final = 1 << 20  # bytes
-
-
 _WHAT: Final = f"a CSV file with the columns {_HEAD}"
 
 
@@ -27,7 +24,7 @@ def _law(value: Any) -> "DisplayLaw | None":
 def _load_law(path: str) -> "DisplayLaw":
     from arva_hil.config.reading import read_text  # slow to import
 
-    return parse_law(read_text(path, _WHAT, _LARGEST), path)
+    return parse_law(read_text(path, _WHAT), path)
 
 
 class DisplayOptions(Table):

@@ -100,7 +100,7 @@ class Fault(Table):
         if since < 0 or time_us >= self.until_s * 1e6 - 0.5:
             return None
         if self.every_s is not None and self.for_s is not None:
-            since %= round(self.every_s * 1e6)
+            since %= max(1, round(self.every_s * 1e6))
             if since >= self.for_s * 1e6 - 0.5:
                 return None
         return since

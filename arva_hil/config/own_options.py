@@ -4,6 +4,7 @@ Their constraints follow from their annotations: the type, and limits of annotat
 """
 
 import functools
+import math
 import numbers
 import operator
 import re
@@ -98,9 +99,12 @@ def _one(cls: Any, value: Any) -> Any:
     if cls is bool:
         return bool(re.fullmatch(_TRUE, str(plain)))
     try:
-        return cls(plain.partition(".")[0] if cls is int and isinstance(plain, str) else plain)
-    except ValueError:  # of another class
+        made = cls(plain.partition(".")[0] if cls is int and isinstance(plain, str) else plain)
+    except (ValueError, OverflowError):  # of another class; a whole number too large for a float
         raise wrong(f"a valid {name}") from None
+    if cls is float and not math.isfinite(made):
+        raise wrong("a finite number")
+    return made
 
 
 def _word(words: Sequence[Any], value: Any) -> Any:

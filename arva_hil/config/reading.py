@@ -184,7 +184,7 @@ def near_file(path: str) -> str | None:
     folder, name = os.path.split(path)
     try:
         files = [file for file in os.listdir(folder or ".") if file.endswith((".yaml", ".yml")) and file != name]
-    except OSError:
+    except (OSError, ValueError):  # ValueError: a NUL or half a surrogate pair in the name
         return None
     near = nearest(name, files)
     return near and os.path.join(folder, near)

@@ -42,7 +42,7 @@ class Noise(Table):
 
     kind: NoiseKind = key(Word(NOISE_KINDS), "its distribution", default="uniform")
     floor_range_m: float = key(
-        Number(0, 1_000_000, above=True, unit="m"), "its strength: that of a transmitter at this distance", default=80.0
+        Number(0.01, 1_000_000, unit="m"), "its strength: that of a transmitter at this distance", default=80.0
     )
 
 

@@ -337,7 +337,7 @@ def read_own(cls: type[Any] | None, mapping: Mapping[str, Any], owner: str) -> t
         return cls(**values), []
     except ValueError as error:  # of its `__post_init__`
         found, _, expected = str(error).partition(": expected ")
-        return None, [Violation(expected or f"what {owner} takes", found)]
+        return None, [Violation(expected or f"what {owner} takes", found or None)]
 
 
 def own_options(cls: type[Any] | None, options: Any, owner: str) -> Any:

@@ -237,6 +237,9 @@ def test_one_error_of_the_position_is_flown_and_not_two(tmp_path: Path) -> None:
     (line,) = mistakes("strategies: flux\nscenarios: s.yaml\ngps_noise_m: [0, 1]\n", str(tmp_path / "p.yaml"))
     expected = "gps_noise_m: 1 with the navigation_error of s, expected 0: the scenario has the error"
     assert line == f"{tmp_path}/p.yaml:3:14: {expected}"
+    two = mistakes("strategies: flux\nscenarios: s.yaml\ngps_noise_m: [x, 1]\n", str(tmp_path / "p.yaml"))
+    wrong = "gps_noise_m: 'x', expected a number from 0 to 1000"
+    assert two == [f"{tmp_path}/p.yaml:3:14: {expected}", f"{tmp_path}/p.yaml:3:15: {wrong}"]
 
 
 def test_several_drones_need_frames_with_ids(tmp_path: Path) -> None:

@@ -95,6 +95,7 @@ def test_a_key_of_a_file_is_the_type_that_is_annotated(text: str, name: str, val
         ("whole: 10", ["whole , less than 10"]),
         ("share: 0", ["share , greater than 0"]),
         ("late: -1", ["late , greater than or equal to 0"]),
+        ("late: 1e999, pair: [1, -1e999]", ["late , a finite number", "pair.1 , a finite number"]),
         ("label: [1]", ["label , a valid string"]),
         ("one_of: c", ["one_of , 'a' or 'b'"]),
         ("antennas: 4", ["antennas , 1, 2 or 3"]),
@@ -108,6 +109,18 @@ def test_a_key_of_a_file_is_the_type_that_is_annotated(text: str, name: str, val
 )
 def test_a_wrong_key_of_a_file_is_named(text: str, expected: list[str]) -> None:
     assert read(text) == (None, expected)
+
+
+def test_an_error_without_words_is_one_of_the_mapping() -> None:
+    @dataclass(frozen=True)
+    class Silent:
+        share: float = 1.0
+
+        def __post_init__(self) -> None:
+            raise ValueError
+
+    (only,) = read_own(Silent, value_of(yaml.compose("{share: 2}", yaml.BaseLoader), 2), "it")[1]
+    assert (only.found, only.expected) == (None, "what it takes")
 
 
 def test_without_a_default_a_key_is_needed_and_python_may_give_options_or_a_mapping() -> None:

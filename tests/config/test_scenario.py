@@ -173,7 +173,7 @@ receivers = st.floats(0.1, 50).flatmap(
         jitter_s=st.floats(0, 0.5 / rate_hz, exclude_max=True),
         kappa_eq=st.floats(0, 1000, exclude_min=True),
         sensitivity=st.tuples(unit, unit, unit),
-        noise=st.builds(Noise, st.sampled_from(["uniform", "gaussian", "off"]), st.floats(0, 1e6, exclude_min=True)),
+        noise=st.builds(Noise, st.sampled_from(["uniform", "gaussian", "off"]), st.floats(0.01, 1e6)),
         mount=st.builds(MountOptions, st.tuples(*[st.floats(-100, 100)] * 3), degrees),
         no_signal=st.sampled_from([(-1, -1), (-1, 0), (0, 0)]),
     )
@@ -248,7 +248,9 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
         ("receiver: {noise: {kind: Gausian}}",
          "26: kind: 'Gausian', expected one of uniform, gaussian, off, did you mean 'gaussian'?"),
         ("receiver: {noise: {kind: }}", "25: kind: nothing, expected one of uniform, gaussian, off"),
-        ("receiver: {noise: {floor_range_m: 0}}", "35: floor_range_m: '0', expected a number above 0, at most 1000000"),
+        ("receiver: {noise: {floor_range_m: 0}}", "35: floor_range_m: '0', expected a number from 0.01 to 1000000"),
+        ("receiver: {noise: {floor_range_m: 1e-110}}",
+         "35: floor_range_m: '1e-110', expected a number from 0.01 to 1000000"),
         ("receiver: {mount: {position: [0, 0, 101]}}", "37: position: '101', expected a number from -100 to 100"),
         ("receiver: {mount: {attitude: {yaw: 361}}}", "36: yaw: '361', expected a number from -360 to 360"),
         ("receiver: {mount: {attitude: [0, 0, 9]}}", "30: attitude: a list of 3, expected a mapping with roll"

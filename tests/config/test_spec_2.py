@@ -180,7 +180,7 @@ def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
         ),
         (
             lambda: Noise(floor_range_m=float("nan")),
-            "Noise floor_range_m: nan, expected a number above 0, at most 1000000",
+            "Noise floor_range_m: nan, expected a number from 0.01 to 1000000",
         ),
         (
             lambda: MountOptions((0, 0, 1000)),

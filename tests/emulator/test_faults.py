@@ -282,6 +282,10 @@ def test_it_repeats() -> None:
     assert times == pytest.approx([2.0, 2.1, 2.2, 7.0, 7.1, 7.2, 12.0, 12.1, 12.2])
 
 
+def test_a_period_below_a_microsecond_is_no_error() -> None:
+    assert not any(s.faults for s in Bench("stuck: true, every_s: 1e-7, for_s: 1e-8").snapshots)
+
+
 def test_it_keeps_the_runs_time_wherever_the_clock_began() -> None:
     clock = StepClock(12345.678)
     wire, diary = Wire(clock), Diary()

@@ -37,7 +37,7 @@ class PulsedOptions:
     ] = None
     threshold_na_m: Annotated[float, Gt(0), "a weaker pulse is not received [nA/m]"] = 2.25
     antennas: Annotated[Literal[1, 2, 3], "1: x; 2: x, y; 3: also z near by"] = 3
-    third_within_m: Annotated[float, Ge(0), "the third antenna counts up to this distance [m]"] = 3.0
+    third_within_m: Annotated[float, Ge(0), Le(1000), "the third antenna counts up to this distance [m]"] = 3.0
     gains: Annotated[tuple[float, float, float], "of the antennas x, y and z; 0 is a dead one"] = (1.0, 1.0, 1.0)
     carrier_db: Annotated[
         tuple[tuple[float, float], ...], "own sensitivity over the carrier's offset: [[Hz, dB], …], linear between"
@@ -159,8 +159,6 @@ class Display:
             return None
         d_cm, delta_deg, zone = heard
         options = self._options
-        if options.antennas == 1:
-            delta_deg = 0
         if zone == Zone.MID:
             delta_deg = self._arrow(delta_deg)
             self._directions[index] = delta_deg

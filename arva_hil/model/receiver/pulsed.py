@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import Annotated, ClassVar, Final, NamedTuple
 
-from annotated_types import Gt
+from annotated_types import Ge, Gt
 
 from arva_hil.model.field.keying import SentPulse
 from arva_hil.model.receiver.display import Frames, PulsedOptions, Shown, Steps
@@ -372,7 +372,7 @@ class PulsedReceiver(ListeningReceiver):
 class VectorOptions(PulsedOptions):
     """The keys of `model: vector`: those of `pulsed`, with other defaults."""
 
-    start_s: Annotated[float, "from switching on until it receives [s]"] = 0.0
+    start_s: Annotated[float, Ge(0), "from switching on until it receives [s]"] = 0.0
     steps: Steps = "cm"
     frames: Frames = "pulses"
     mark_within_m: Annotated[float, Gt(0), "a transmitter farther away cannot be marked [m]"] = 1000.0

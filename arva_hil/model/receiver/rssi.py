@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from annotated_types import Gt
+from annotated_types import Ge, Gt
 
 from arva_hil.model.field.keying import SentPulse
 from arva_hil.model.receiver.display import Frames, PulsedOptions, Steps
@@ -23,15 +23,15 @@ class RssiOptions(PulsedOptions):
     """The keys of `model: rssi`: those of `pulsed`, with other defaults, and the strength that is 0 dBFS."""
 
     antennas: Annotated[Literal[1], "x alone"] = 1
-    start_s: Annotated[float, "from switching on until it receives [s]"] = 0.0
+    start_s: Annotated[float, Ge(0), "from switching on until it receives [s]"] = 0.0
     steps: Steps = "cm"
     frames: Frames = "pulses"
     full_scale_na_m: Annotated[float, Gt(0), "the signal that is 0 dBFS [nA/m]"] = 1e6
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in "self_test_m", "revert_s":
-            if getattr(self, name) is not None:
+        for name in "self_test_m", "revert_s", "lag_s":
+            if getattr(self, name):
                 raise ValueError(f"{name} {getattr(self, name):g}: expected model: pulsed or vector, which have it")
 
 
