@@ -225,6 +225,40 @@ def test_text_from_outside_is_data_and_nothing_else(name: str, tmp_path: Path) -
         assert not list(etree.fromstring(data).iter("{*}script"))
 
 
+@pytest.mark.parametrize("name", [*EXPORTS])
+@pytest.mark.parametrize("huge", ["1e308", "-1e308", "1e14"])
+@pytest.mark.parametrize("of_search", [(5,), (2, 3, 4, 9, 10, 11, 12)])
+def test_numbers_that_no_flight_has_are_written_or_left_out(
+    name: str, huge: str, of_search: tuple[int, ...], tmp_path: Path
+) -> None:
+    folder = write(tmp_path / "flight", 5)
+    for table_name, columns in (("readings.csv", (3, 5)), ("search.csv", of_search)):
+        header, *rows = [line.split(",") for line in (folder / table_name).read_text().splitlines()]
+        for row in rows:
+            for column in columns:
+                row[column] = huge
+        written(folder / table_name, "".join(",".join(row) + "\n" for row in (header, *rows)))
+    said = json.loads((folder / "search.json").read_text())
+    said["found"] |= {"down": float(huge), "covariance": [float(huge)] * 3}
+    written(folder / "search.json", json.dumps(said))
+    with open(folder / "events.jsonl", "a") as file:
+        file.write('{"event": "status", "time_s": 1e14, "vehicles": []}\n')
+    assert exported(name, load(folder))
+
+
+@pytest.mark.parametrize("name", [*EXPORTS])
+@pytest.mark.parametrize("place", [[91.0, 7.0, 0.0], [46.0, 181.0, 0.0]])
+def test_a_place_that_is_not_on_earth_is_not_known(name: str, place: list[float], tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", 5)
+    search, run = (json.loads((folder / file).read_text()) for file in ("search.json", "run.json"))
+    search["origin"], search["found"]["lat_lon"], run["datums"][0]["lat_lon_alt"] = place, place[:2], place
+    written(folder / "search.json", json.dumps(search))
+    written(folder / "run.json", json.dumps(run))
+    read = load(folder)
+    assert exported(name, read)
+    assert (read.search.origin, read.search.found.lat_lon, read.datums) == (None, None, {"": ()})
+
+
 def test_a_run_whose_datum_nobody_knows_has_no_place_on_earth_and_the_table_has_the_rest(tmp_path: Path) -> None:
     folder = write(tmp_path / "flight", 5, ended=False, search=False)
     (folder / "events.jsonl").unlink()

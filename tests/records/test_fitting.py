@@ -18,7 +18,7 @@ from arva_hil.records.fitting.fit import fit
 from arva_hil.records.fitting.noise_levels import noise_levels, noise_profile
 from arva_hil.records.fitting.profile import profile, scenario
 from arva_hil.records.fitting.scatter import Gps
-from arva_hil.records.reading import Recording, load
+from arva_hil.records.reading import Recording, RecordingError, load
 from tests.once import once
 from tests.said import says
 from tools.figures.rehearsal import HOME, Waypoint, drawn, misses, mission, rehearse
@@ -178,6 +178,8 @@ def test_what_cannot_be_fitted_is_said(exact: tuple[Path, Scenario, dict[str, fl
     ):
         with pytest.raises(FitError, match=why):
             flight_of(replace(whole, receivers=receivers))
+    with pytest.raises(RecordingError, match="came more than a day after the frames"):
+        flight_of(replace(whole, log_start_s=whole.log_start_s - 1e9))
     flight = flight_of(whole)
     with pytest.raises(FitError, match=r"different transmitters \(.*: 1; .*: 7\): fit them one by one"):
         fit([flight, replace(flight, ids=(7,))], "paper", EXACT)

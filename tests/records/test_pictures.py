@@ -110,6 +110,15 @@ def test_the_timeline_has_each_fault_when_it_struck(axes: Axes, tmp_path: Path) 
     assert [label.get_text() for label in axes.get_yticklabels()] == list(lanes)
 
 
+def test_dollars_are_no_formula(tmp_path: Path) -> None:
+    name = r"$\frac$"
+    folder = write(tmp_path / name, COUNT, search=False)
+    readings = folder / "readings.csv"
+    readings.write_text(readings.read_text().replace("stuck+drop", name))
+    ((_, data),) = run.sheets(load(folder), "png")
+    assert data
+
+
 def test_the_lateness_is_that_of_all_frames(axes: Axes, tmp_path: Path) -> None:
     draw_lateness(axes, load(write(tmp_path / "flight", COUNT)).receivers[0])
     assert sum(bar.get_height() for bar in axes.patches) == COUNT  # type: ignore[attr-defined]

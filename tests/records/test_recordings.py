@@ -18,6 +18,8 @@ from arva_hil.records.reading import Recording, RecordingError, load
 from arva_hil.records.reading import folder as folder_reader
 from arva_hil.records.reading.folder import read_receiver
 from arva_hil.records.reading.streams import streams
+from arva_hil.records.received import KeptBytes
+from arva_hil.records.report.facts import facts
 from arva_hil.records.writing.search_log import SearchLog
 from arva_hil.search.mission.outcome import SearchStep
 from tests.every import every
@@ -194,6 +196,14 @@ def test_a_line_that_is_cut_is_left_out_with_its_frame_and_said_once(folder: Pat
     ]
 
 
+def test_a_fault_of_the_frame_that_is_left_out_is_none_of_the_record(folder: Path) -> None:
+    header, *rows = (folder / "readings.csv").read_text().splitlines(keepends=True)
+    (folder / "readings.csv").write_text(header + "".join(rows[6 * 4 : 7 * 4]) + rows[7 * 4][:-9])
+    (receiver,) = (read := load(folder)).receivers
+    assert (len(receiver), receiver.faults) == (0, ())
+    assert "Faults" not in facts(read)
+
+
 def test_a_frame_has_the_slots_that_it_had(folder: Path) -> None:
     """A command may change their number."""
     lines = (folder / "readings.csv").read_text().splitlines(keepends=True)
@@ -289,6 +299,8 @@ def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
     assert refused(tmp_path) == f": there is no run.json and no search.csv in it{missing}"
     (tmp_path / "flight.tlog").touch()
     assert refused(tmp_path / "flight.tlog") == f": is not a folder{missing}"
+    too_long = refused(tmp_path / ("x" * 300))
+    assert too_long in (": cannot be read: File name too long", f": no such folder{missing}")  # by Python's version
 
 
 @pytest.mark.parametrize(
@@ -312,6 +324,12 @@ def test_a_cell_without_an_end_is_no_line_of_csv(folder: Path) -> None:
     assert "is no line of CSV: " in refused(folder)
 
 
+@pytest.mark.parametrize("name", ["readings.csv", "search.csv"])
+def test_a_first_line_that_is_no_line_of_csv_is_named(folder: Path, name: str) -> None:
+    edited(folder / name, "time_s,", "time\r_s,")
+    assert refused(folder).startswith(f"/{name}:1: is no line of CSV: ")
+
+
 NEWER = "is newer than this program, which reads up to 1: update arva-hil"
 
 
@@ -324,7 +342,13 @@ NEWER = "is newer than this program, which reads up to 1: update arva-hil"
             "number,time_s",
             "/readings.csv:1: no column seq: this is no table of a record, or an older one",
         ),
-        ("readings.csv", "\n0,0.0,", "\n0,soon,", "/readings.csv:2: 'soon', expected a number"),
+        ("readings.csv", "\n0,0.0,", "\n0,soon,", "/readings.csv:2: 'soon', expected a number of seconds"),
+        *[
+            ("readings.csv", "\n0,0.0,", f"\n0,{time},", f"/readings.csv:2: '{time}', expected a number of seconds")
+            for time in ("", "nan", "-inf", "1e300")
+        ],
+        ("search.csv", "\n0.0,", "\n,", "/search.csv:2: '', expected a number of seconds"),
+        ("readings.csv", ",1,,0,-1,-1,", ",1,,-1,-1,-1,", "/readings.csv:2: -1 is out of range"),
         ("readings.csv", "\n0,0.0,", "\nx,0.0,", "/readings.csv:2: 'x', expected a number"),
         ("readings.csv", ",1,,0,-1,-1,", ",1,,0,-1.5,-1,", "/readings.csv:2: '-1.5', expected a number"),
         ("readings.csv", ",1,,0,-1,-1,", ",1,,0,-1,70000,", "/readings.csv:2: 70000 is out of range"),
@@ -385,6 +409,23 @@ def test_a_file_that_never_ends_is_not_waited_for_and_a_line_without_end_not_kep
     assert refused(folder) == "/readings.csv: is not a regular file"
 
 
+@every(
+    "row, said",
+    [
+        ("1,1000000000000000", "1000000000000000 bytes, expected 0 to 16777216"),
+        ("1,-1", "-1 bytes, expected 0 to 16777216"),
+        (f"{'9' * 400},1", f"{'9' * 40} is out of range"),
+        (f"1,{'9' * 400}", f"{'9' * 40} is out of range"),
+    ],
+)
+def test_a_chunk_with_an_impossible_size_or_time_is_refused(tmp_path: Path, row: str, said: str) -> None:
+    (tmp_path / "frames.bin").write_bytes(b"abc")
+    path = written(tmp_path / "chunks.csv", f"utc_us,bytes\n1,1\n{row}\n")
+    with pytest.raises(RecordingError) as error:
+        list(KeptBytes.of(tmp_path))
+    assert str(error.value) == f"{path}:3: {said}"
+
+
 # -- how much -----------------------------------------------------------------------------------------------
 
 
@@ -415,6 +456,22 @@ def recorded(folder: Path, *strangers: tuple[int, int]) -> Path:
 def test_packets_of_another_vehicle_or_component_are_not_counted(tmp_path: Path, stranger: tuple[int, int]) -> None:
     (stream,) = streams(load(recorded(tmp_path / "flight", stranger)))
     assert stream.hz.tolist() == [1.0]
+
+
+def test_a_small_log_of_many_messages_over_many_days_does_not_fill_the_memory(tmp_path: Path) -> None:
+    folder, raw = recorded(tmp_path / "flight"), bytearray(Encoder(1, 1).pack(ATTITUDE))
+    log = bytearray()
+    for n in range(200):
+        raw[7:10] = (10_000 + n).to_bytes(3, "little")
+        log += tlog_record(EPOCH_US + 5000 * 1_000_000 * n, raw)
+    (folder / "autopilot.tlog").write_bytes(log)
+    assert streams(load(folder)) == []
+
+
+def test_a_log_with_a_name_that_no_file_can_have_is_not_there(tmp_path: Path) -> None:
+    folder = recorded(tmp_path / "flight")
+    edited(folder / "run.json", '"record": 1,', f'"record": 1, "tlog": "{300 * "x"}",')
+    assert streams(load(folder)) == []
 
 
 @pytest.mark.parametrize("missing", ["system", "component"])

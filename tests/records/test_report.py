@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 import sys
 from collections.abc import Iterator
@@ -193,6 +194,21 @@ def test_text_from_outside_is_text(tmp_path: Path) -> None:
     assert "\u202e" not in html
     assert "\x1b" not in html
     assert "alert(1)" in words(html)
+
+
+def test_names_of_folders_and_times_from_outside_are_text(tmp_path: Path) -> None:
+    folder = write(tmp_path / "a\u202e", 5, search=False)
+    run = json.loads((folder / "run.json").read_text()) | {"started": "2027\u202e\x1b[31m", "scenario": {}}
+    (folder / "run.json").write_text(json.dumps(run))
+    for receiver in ("\u202e/a", "b/\x1b[31m", "b/c", "b/d"):
+        (folder / receiver).mkdir(parents=True)
+        (folder / receiver / "readings.csv").write_bytes((folder / "readings.csv").read_bytes()[:-9])
+    read = load(folder)
+    assert [receiver.name for receiver in read.receivers] == ["b/c", "b/d"]
+    assert len(read.notes) == 3
+    html = page([read])
+    assert "\u202e" not in html
+    assert "\x1b" not in html
 
 
 def test_without_matplotlib_it_has_no_pictures_and_says_how_to_get_them(

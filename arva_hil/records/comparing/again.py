@@ -115,6 +115,7 @@ def _by_place(one: RecordedReceiver, two: RecordedReceiver) -> tuple[Index, Inde
 
 
 _LOOK_AHEAD_S = 1.0
+_LONGEST_S = 1e5
 _AT_ONCE_S = 1e9  # later than any delay
 _NO_ANGLE = np.full(3, np.nan)
 
@@ -207,6 +208,8 @@ def feed(recording: Recording, setup: VehicleSetup, world: VehicleWorld, settle:
     before = -math.inf
     for time_us, raw in logged(path, continuous=True):
         now = max((time_us - recording.log_start_s * 1e6) / 1e6, before)
+        if now > _LONGEST_S:
+            raise RecordingError(path, "its packets came more than a day after the frames: the times cannot be right")
         if now > before:
             settle(now)
         before = now

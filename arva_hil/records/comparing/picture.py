@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from arva_hil.records.comparing.comparison import Comparison, wrapped_half
-from arva_hil.records.pictures.style import BLUE, GREY, RED, Format, figure, saved, styled, thinned
+from arva_hil.records.pictures.style import BLUE, GREY, RED, Format, figure, plain, saved, styled, thinned
 
 
 def drawn(comparisons: Sequence[Comparison], names: tuple[str, str], format: Format) -> bytes:
@@ -21,7 +21,7 @@ def drawn(comparisons: Sequence[Comparison], names: tuple[str, str], format: For
                 (c.first_m, BLUE, "o", names[0]),
                 (c.second_m, RED, "x", names[1]),
             ):
-                over_time.plot(c.time_s[some], values[some], marker, ms=2.5, ls="none", color=colour, label=name)
+                over_time.plot(c.time_s[some], values[some], marker, ms=2.5, ls="none", color=colour, label=plain(name))
             of = "" if c.id is None else f" of transmitter {c.id}"
             over_time.set(xlabel="time, s", ylabel="m", title=f"d{of}")
             over_time.set_ylim(bottom=0)

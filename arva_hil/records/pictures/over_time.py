@@ -21,11 +21,11 @@ from arva_hil.records.pictures.style import (
     RED,
     SKY,
     look_of,
+    plain,
     some,
     thinned,
 )
 from arva_hil.records.reading import RecordedReceiver, RecordedStream, Recording
-from arva_hil.safe_text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,7 +107,7 @@ def _lanes(recording: Recording, receiver: RecordedReceiver | None) -> Iterator[
         spans = [(*span, BLUE) for span in _spans(time_s, zone == 1, end_s)]
         yield "zone", spans + [(*span, RED) for span in _spans(time_s, zone == 2, end_s)]
         for name in receiver.faults[:_MOST_FAULTS]:
-            yield one_line(name), [(*span, ORANGE) for span in _spans(time_s, receiver.with_fault(name), end_s)]
+            yield plain(name), [(*span, ORANGE) for span in _spans(time_s, receiver.with_fault(name), end_s)]
     if (search := recording.search) and len(search.time_s):
         yield "search", list(_phases(search.time_s + search.start_s, search.phase))
 

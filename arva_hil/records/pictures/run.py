@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from arva_hil.records.pictures.flight_map import draw_map
 from arva_hil.records.pictures.over_time import draw_distance, draw_lateness, draw_streams, draw_timeline
-from arva_hil.records.pictures.style import SCREEN, Format, Print, figure, move_legend, saved, styled
+from arva_hil.records.pictures.style import SCREEN, Format, Print, figure, move_legend, plain, saved, styled
 from arva_hil.records.reading import Recording, streams
-from arva_hil.safe_text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +50,7 @@ def sheets(recording: Recording, format: Format) -> Iterator[tuple[str, bytes]]:
             places = made.subplot_mosaic(mosaic, height_ratios=[1.0, 0.62, 0.75])
             for name, draw in draws.items():
                 draw(places[name])
-            made.suptitle(" · ".join(filter(None, [one_line(recording.title), receiver])), fontsize=12)
+            made.suptitle(plain(" · ".join(filter(None, [recording.title, receiver]))), fontsize=12)
             yield receiver, saved(made, format)
 
 

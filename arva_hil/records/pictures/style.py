@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from arva_hil.safe_text import one_line
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -130,6 +132,11 @@ def saved(made: Figure, format: Format, *, transparent: bool = False) -> bytes:
     dates: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     made.savefig(out, format=format, metadata=dates[format], transparent=transparent)
     return out.getvalue()
+
+
+def plain(text: str) -> str:
+    """Return a text from outside for a picture: on one line, and without formulas, which matplotlib reads in `$…$`."""
+    return one_line(text).replace("$", r"\$")
 
 
 def some(which: ArrayLike) -> NDArray[np.int64]:

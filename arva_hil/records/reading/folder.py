@@ -20,6 +20,7 @@ from arva_hil.records.reading.lines import (
     NumberColumns,
     RecordingError,
     json_object,
+    lat_lon_alt,
     mapping,
     number,
     objects,
@@ -27,7 +28,6 @@ from arva_hil.records.reading.lines import (
     strict_json,
     table,
     text,
-    triple,
 )
 from arva_hil.records.reading.recording import RecordedDatum, RecordedReceiver, RecordedRun, Recording
 from arva_hil.records.reading.search import read_search
@@ -36,7 +36,7 @@ from arva_hil.records.writing.search_log import NEWS, TRACK
 
 _OF_FRAME: Final = "time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms".split()
 _LATER: Final = "reported_north_m reported_east_m reported_down_m late_ms".split()  # old records lack them
-_OF_SLOT: Final = {"id": "h", "zone": "b", "d_cm": "i", "delta_deg": "h", "true_range_m": "d"}  # kinds of arrays
+_OF_SLOT: Final = {"id": "h", "zone": "B", "d_cm": "i", "delta_deg": "h", "true_range_m": "d"}  # kinds of arrays
 _NEEDED: Final = ("seq", *_OF_FRAME, "slot", *_OF_SLOT)
 _MOST_FAULTS: Final = 1024  # sets of them
 _MOST_SLOTS: Final = 255
@@ -46,7 +46,7 @@ _MOST_ROWS: Final = 10_000_000
 def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[RecordedReceiver, list[str]]:
     """Return the readings in a file, and notes about unused parts. Raises RecordingError.
 
-    Takes 50 bytes of memory a row with four slots a frame, 140 with one. An infinite number becomes NaN. A
+    Takes 50 bytes of memory a row with four slots a frame, 140 with one. A huge number becomes NaN. A
     command may change the number of slots in a run.
     """
     lines = Lines(path)
@@ -59,7 +59,8 @@ def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[Re
         slot = lines.whole_number(row[columns["slot"]])
         if slot == 1:
             begins.append(len(slots))
-            lines.whole_number(row[columns["seq"]])  # it may not be empty, as others may
+            lines.whole_number(row[columns["seq"]])  # these two may not be empty, as others may
+            lines.seconds(row[columns["time_s"]])
             frames.add(row)
             names = row[columns["faults"]] if "faults" in columns else ""
             if names not in fault_sets and len(fault_sets) >= _MOST_FAULTS:
@@ -122,8 +123,11 @@ _YEAR_2001_S: Final = 978_307_200.0  # earlier times are of a stepped clock
 
 
 def is_record(folder: Path) -> bool:
-    """Return True if the folder has a record of a run or a search. It may be broken."""
-    return (folder / RUN).exists() or (folder / TRACK).exists()
+    """Return True if the folder has a record of a run or a search. It may be broken. Raises RecordingError."""
+    try:
+        return (folder / RUN).exists() or (folder / TRACK).exists()
+    except OSError as error:
+        raise RecordingError(folder, f"cannot be read: {error.strerror}") from None
 
 
 def load(folder: Path) -> Recording:
@@ -142,8 +146,9 @@ def load(folder: Path) -> Recording:
         started = search.started_utc_s if search else None
         return Recording(folder, None, (), search, tuple(news), (), started, started, {}, tuple(notes + more))
     run, notes = _run(folder / RUN)
-    # their folders, if the scenario cannot be read
-    there = sorted((path.parts[-3], path.parts[-2]) for path in folder.glob(f"*/*/{READINGS}"))
+    # their folders, if the scenario cannot be read; a receiver's name has no control characters
+    inside = ((path.parts[-3], path.parts[-2]) for path in folder.glob(f"*/*/{READINGS}"))
+    there = sorted(names for names in inside if "".join(names).isprintable())
     names = receivers_of(run.scenario) if run.scenario else there
     layout, receivers = RecordLayout(tuple(names)), []
     for vehicle, receiver in names if len(names) > 1 else [("", "")]:
@@ -225,13 +230,12 @@ def _start_utc_s(path: Path) -> float | None:
     """Return the frames' time 0 in seconds since 1970, from the first row of frames.csv; None if it is not there."""
     if not path.exists():
         return None
-    columns, rows = table(Lines(path), ("utc", "time_s"))
-    row = next(rows, None)
-    try:
-        utc_s = seconds_of(row[columns["utc"]]) if row else None
-        return None if row is None or utc_s is None else utc_s - float(row[columns["time_s"]])
-    except ValueError:
+    lines = Lines(path)
+    columns, rows = table(lines, ("utc", "time_s"))
+    if (row := next(rows, None)) is None:
         return None
+    utc_s = seconds_of(row[columns["utc"]])
+    return None if utc_s is None else utc_s - lines.seconds(row[columns["time_s"]])
 
 
 def _datums(run: RecordedRun, vehicle: str, events: list[dict[str, Any]]) -> tuple[RecordedDatum, ...]:
@@ -243,7 +247,7 @@ def _datums(run: RecordedRun, vehicle: str, events: list[dict[str, Any]]) -> tup
     ]
     found = []
     for change in changes:
-        place, time_s = triple(change.get("lat_lon_alt")), number(change.get("time_s"))
+        place, time_s = lat_lon_alt(change.get("lat_lon_alt")), number(change.get("time_s"))
         if place and time_s is not None:
             found.append(RecordedDatum(time_s, *place))
     if not found and run.scenario and isinstance(run.scenario.datum, Lla):

@@ -27,6 +27,7 @@ from arva_hil.safe_text import one_line
 
 _LONGEST_LINE: Final = 1 << 16  # bytes
 _LARGEST_OBJECT: Final = 1 << 24  # bytes
+_LARGEST: Final = 1e15  # a larger number is no time, place or reading, and overflows in what uses it
 _DIGITS: Final = re.compile("[0-9]+")
 _ESCAPE: Final = re.compile(r"\\(?:ud[89ab]..\\ud[c-f]..|(?P<half>ud[89a-f]..)|.)", re.IGNORECASE | re.DOTALL)
 
@@ -67,11 +68,24 @@ class Lines:
         return RecordingError(f"{self.path}:{self.number}", found)
 
     def whole_number(self, cell: str) -> int:
-        """Return the integer in a cell of the newest line. Raises RecordingError."""
+        """Return the integer of 64 bits in a cell of the newest line. Raises RecordingError."""
         try:
-            return int(cell)
+            value = int(cell)
         except ValueError:
             raise self.error(f"{cell[:40]!r}, expected a number") from None
+        if not -(1 << 63) <= value < 1 << 63:
+            raise self.error(f"{cell[:40]} is out of range")
+        return value
+
+    def seconds(self, cell: str) -> float:
+        """Return the time in a cell of the newest line, which may not be empty. Raises RecordingError."""
+        try:
+            value = number(float(cell))
+        except ValueError:
+            value = None
+        if value is None:
+            raise self.error(f"{cell[:40]!r}, expected a number of seconds")
+        return value
 
     @property
     def note(self) -> list[str]:
@@ -84,18 +98,21 @@ def table(lines: Lines, needed: Sequence[str]) -> tuple[dict[str, int], Iterator
 
     The order is free, and other columns are allowed. An empty file has no columns.
     """
-    rows = csv.reader(iter(lines))
+    rows = _rows(lines)
     header = next(rows, None)
     if header is None:
-        return {}, iter(())
+        return {}, rows
     if missing := [name for name in needed if name not in header]:
         raise lines.error(f"no column {', '.join(missing)}: this is no table of a record, or an older one")
-    return {name: at for at, name in enumerate(header)}, _rows(lines, rows, len(header))
+    return {name: at for at, name in enumerate(header)}, rows
 
 
-def _rows(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[list[str]]:
+def _rows(lines: Lines) -> Iterator[list[str]]:
+    """Yield the header and the rows, which are as long. Raises RecordingError."""
+    width = 0
     try:
-        for row in rows:
+        for row in csv.reader(iter(lines)):
+            width = width or len(row)
             if len(row) != width:
                 raise lines.error(f"{len(row)} cells, expected {width}")
             yield row
@@ -104,7 +121,7 @@ def _rows(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[list[
 
 
 class NumberColumns:
-    """Columns of a table. An empty cell is NaN, or −1 in a column of integers; an infinite number is NaN.
+    """Columns of a table. An empty cell is NaN, or −1 in a column of integers; a huge number is NaN.
 
     `columns`: those of the file. `kinds`: the type codes of `array` by name; what the file lacks is NaN.
     """
@@ -139,7 +156,7 @@ class NumberColumns:
         if len(values) < count:
             values = np.full(count, math.nan)
         if values.dtype == float:
-            values[np.isinf(values)] = math.nan
+            values[np.abs(values) > _LARGEST] = math.nan
         values.flags.writeable = False
         return values
 
@@ -192,19 +209,22 @@ def refuse_no_file(path: Path) -> None:
 
 
 def number(value: object) -> float | None:
-    """Return a finite number, None for anything else."""
+    """Return a number, None for anything else, for NaN and for a huge number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    try:
-        return float(value) if math.isfinite(value) else None
-    except OverflowError:
-        return None
+    return float(value) if abs(value) <= _LARGEST else None
 
 
-def pair(value: object) -> tuple[float, float] | None:
-    """Return a list of two finite numbers, None for anything else."""
+def lat_lon(value: object) -> tuple[float, float] | None:
+    """Return a list of latitude and longitude in degrees, None for anything else."""
     every = _numbers(value)
-    return (every[0], every[1]) if len(every) == 2 else None
+    return (every[0], every[1]) if len(every) == 2 and abs(every[0]) <= 90 and abs(every[1]) <= 180 else None
+
+
+def lat_lon_alt(value: object) -> tuple[float, float, float] | None:
+    """Return a list of latitude, longitude and altitude, None for anything else."""
+    every = triple(value)
+    return every if every and lat_lon([*every[:2]]) else None
 
 
 def triple(value: object) -> tuple[float, float, float] | None:

@@ -87,7 +87,7 @@ class RecordedReceiver:
     @property
     def faults(self) -> tuple[str, ...]:
         """The names of the faults that changed a frame."""
-        return tuple(dict.fromkeys(name for names in self.fault_sets for name in names))
+        return tuple(dict.fromkeys(name for n in np.unique(self.fault_set) for name in self.fault_sets[n]))
 
     def with_fault(self, name: str) -> NDArray[np.bool_]:
         """Return True (N,) for each frame that the fault changed."""

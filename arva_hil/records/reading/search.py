@@ -19,10 +19,11 @@ from arva_hil.records.reading.lines import (
     Lines,
     NumberColumns,
     json_object,
+    lat_lon,
+    lat_lon_alt,
     mapping,
     number,
     objects,
-    pair,
     seconds_of,
     table,
     text,
@@ -155,6 +156,7 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
     numbers = NumberColumns(lines, columns, dict.fromkeys(_NUMBERS, "d"))
     phases, names = array("b"), dict[str, int]()
     for row in rows:
+        lines.seconds(row[columns["time_s"]])
         numbers.add(row)
         phase = row[columns["phase"]]
         if phase not in names and len(names) >= _MOST_PHASES:
@@ -177,7 +179,7 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         zone,
         outcome,
         _place(outcome.get("found"), {"id": outcome.get("id"), "sure": outcome.get("outcome") != "not sure"}),
-        triple(outcome.get("origin")),
+        lat_lon_alt(outcome.get("origin")),
         started_s,
         0.0 if started_s is None or start_utc_s is None else started_s - start_utc_s,
     ), lines.note
@@ -195,7 +197,7 @@ def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
         east,
         number(found.get("down")),
         triple(found.get("covariance")),
-        pair(found.get("lat_lon")),
+        lat_lon(found.get("lat_lon")),
         id_ if isinstance(id_, int) and id_ >= 0 else None,
         about.get("sure") is not False,
         triple(found.get("relative_covariance")),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -22,7 +23,7 @@ from arva_hil.records.reading.recording import Recording
 from arva_hil.records.writing.layout import TLOG
 
 _MOST: Final = 1_000_000  # largest number of pairs of message and second
-_LONGEST_S: Final = 1_000_000
+_MOST_CELLS: Final = 1 << 24  # of a table of all messages and seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +48,16 @@ def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
         counts[message, math.floor(came_s)] += 1
         if len(counts) > _MOST:
             raise RecordingError(recording.folder, "the times of its packets are too far apart to be right")
-    seconds = sorted({second for _, second in counts})
-    if not seconds or seconds[-1] - seconds[0] > _LONGEST_S:
+    rows = {message: row for row, message in enumerate(dict.fromkeys(message for message, _ in counts))}
+    first = min((second for _, second in counts), default=0)
+    length = max((second for _, second in counts), default=0) + 1 - first
+    if len(rows) * length > _MOST_CELLS:
         return []
-    time_s = np.arange(seconds[0], seconds[-1] + 1, dtype=float)
-    rows: dict[int, NDArray[np.float64]] = {}
+    hz = np.zeros((len(rows), length))
     for (message, second), count in counts.items():
-        rows.setdefault(message, np.zeros(len(time_s)))[second - seconds[0]] = count
-    found = (RecordedStream(_name(message), time_s, row) for message, row in rows.items())
+        hz[rows[message], second - first] = count
+    time_s = np.arange(first, first + length, dtype=float)
+    found = (RecordedStream(_name(message), time_s, hz[row]) for message, row in rows.items())
     return sorted(found, key=lambda stream: -float(stream.hz.sum()))
 
 
@@ -67,7 +70,7 @@ def packets(recording: Recording, vehicle: str = "") -> Iterator[tuple[float, in
     known = mapping(said.get("vehicle"))
     ids = known.get("system"), known.get("component")
     path = recording.folder / Path(text(said.get("tlog")) or TLOG).name
-    if not path.exists():
+    if not os.path.exists(path):  # also a name that no file can have
         return
     start_us = None if recording.log_start_s is None else recording.log_start_s * 1e6
     for time_us, raw in logged(path):
@@ -86,7 +89,7 @@ def logged(path: Path, *, continuous: bool = False) -> Iterator[tuple[int, bytes
         with closing(TlogReader(path)) as log:
             yield from Timeline(log, stamped=log.stamped) if continuous else log
     except LinkError as error:
-        raise RecordingError(path, str(error)) from None
+        raise RecordingError(path, error.what) from None
 
 
 def _head(raw: bytes) -> tuple[int, int, int]:

@@ -13,6 +13,7 @@ from arva_hil.records.writing.layout import CHUNK_COLUMNS, CHUNKS, FRAMES, TLOG
 from arva_hil.runtime.audience import Audience
 
 _STEP_S: Final = 0.1  # between two calls of `advance`
+_MOST_BYTES: Final = 1 << 24  # that a link gives at once
 
 
 class KeptBytes(NamedTuple):
@@ -55,6 +56,8 @@ def _chunks(folder: Path) -> Iterator[KeptBytes]:
     with open(folder / FRAMES, "rb") as data:
         for row in rows:
             time_us, size = (lines.whole_number(row[columns[name]]) for name in CHUNK_COLUMNS)
-            if size < 0 or len(chunk := data.read(size)) < size:
+            if not 0 <= size <= _MOST_BYTES:
+                raise lines.error(f"{size} bytes, expected 0 to {_MOST_BYTES}")
+            if len(chunk := data.read(size)) < size:
                 return  # a program that was killed has written the one and not the other
             yield KeptBytes(time_us, RECEIVER, chunk)

@@ -50,7 +50,7 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
     if run is not None:
         how = run.json.get("ended")
         yield "ended", _NOT_ENDED if how is None else one_line(f"{how} (exit code {run.json.get('exit_code')})")
-        yield "started", run.started
+        yield "started", one_line(run.started)
     yield "length", f"{end_s - begin_s:.1f} s"
     if run is None:
         return

@@ -45,9 +45,9 @@ def _told(name: str, recording: Recording) -> dict[str, Any]:
     happened = [one for event in recording.events if (one := _happened(event))]
     return {
         "name": name,
-        "when": recording.run.started if recording.run else "",
+        "when": one_line(recording.run.started) if recording.run else "",
         "verdict": _verdict(recording),
-        "notes": recording.notes,
+        "notes": [one_line(note) for note in recording.notes],
         "events": happened[:_MOST_EVENTS],
         "more_events": max(0, len(happened) - _MOST_EVENTS),
     }

@@ -90,12 +90,15 @@ def _of_search(search: RecordedSearch) -> Iterator[Event]:
     if search.origin:
         yield TakeOffPoint(times[0] if times else 0.0, *search.origin)
     readings = np.stack([search.d_cm, search.delta_deg, search.zone], axis=-1)
-    for n in np.flatnonzero(np.isfinite(readings).all(axis=1)).tolist():
+    fits = (np.abs(readings) < 1 << 31).all(axis=1) & (search.zone >= 0) & (search.zone < 256)  # their fields
+    for n in np.flatnonzero(fits).tolist():
         d_cm, delta_deg, zone = (int(value) for value in readings[n])
-        channel = Channel(None if math.isnan(search.id[n]) else int(search.id[n]), zone, d_cm, delta_deg)
-        north, east, down = search.position[n].tolist()
-        place = (north, east, down) if np.isfinite(search.position[n]).all() else None
-        yield FrameHeard(times[n], Frame(0, 0, (channel,)), place, float(search.heading_deg[n]) if place else None)
+        id_ = int(search.id[n]) if abs(search.id[n]) < 1 << 31 else None
+        channel = Channel(id_, zone, d_cm, delta_deg)
+        north, east, down, heading_deg = every = [*search.position[n].tolist(), float(search.heading_deg[n])]
+        known = all(map(math.isfinite, every))
+        place = (north, east, down) if known else None
+        yield FrameHeard(times[n], Frame(0, 0, (channel,)), place, heading_deg if known else None)
     if (found := search.found) is not None and times:
         yield PlaceFound(
             times[-1],
