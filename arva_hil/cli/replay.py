@@ -149,12 +149,17 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
     if options.port or options.out == "-":
         return common.open_or_fail(options.port or "-", RealClock())
     path = options.out or os.devnull
-    if os.path.exists(path) and os.path.samefile(path, options.log):
-        raise UsageError(f"--out {path}: this is the log itself: name another file")
+    refuse_log(path, options.log)
     try:
         return StdoutLink(stack.enter_context(open(path, "wb", buffering=0)), path)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def refuse_log(out: str, log: str) -> None:
+    """Raise UsageError if the output would replace the log."""
+    if os.path.exists(out) and os.path.samefile(out, log):
+        raise UsageError(f"--out {out}: this is the log itself: name another file")
 
 
 def _progress(log: TlogReader, records: Iterator[Record]) -> Iterator[Record]:

@@ -33,7 +33,7 @@ def main(options: argparse.Namespace) -> int:
         state = RecordedState(recording, background_of(options.map, recording.scenario))
         if options.out:
             page = offline_page(state)
-            write(Path(options.out), page)
+            write(Path(options.out), page, recording)
             tell(f"{options.out}: {len(page) / 1e6:.1f} MB, needs neither arva-hil nor a network")
             return OK
         server = serve(options.web, state)
@@ -50,6 +50,7 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
     """Return the record in a folder, or of a log that is replayed first; None after a signal."""
     folder = Path(options.record_or_log)
     if folder.is_file():
+        replay.refuse_log(options.out or "", options.record_or_log)
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
         chosen = ["--scenario", options.scenario] if options.scenario else []
         code = replay.main(parser_of("replay").parse([options.record_or_log, "--record", str(folder), *chosen], {}))

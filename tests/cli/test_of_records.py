@@ -143,6 +143,22 @@ def test_a_folder_without_a_record_and_a_file_of_the_record_are_refused(arva: Ar
     )
 
 
+@pytest.mark.undrawn
+def test_the_page_of_view_does_not_replace_the_record_or_the_log_it_shows(arva: Arva, tmp_path: Path) -> None:
+    run = write(tmp_path / "flight", 0, search=False)
+    before = (run / "run.json").read_bytes()
+    assert (
+        arva("view", run, "--out", run / "run.json", code=2).err.splitlines()[-1]
+        == f"arva-hil: {run}/run.json: this is a file of the record itself: name another one"
+    )
+    assert (run / "run.json").read_bytes() == before
+    (log := tmp_path / "x.tlog").write_bytes(b"flight")
+    assert arva.refused("view", log, "--out", log) == (
+        f"arva-hil: --out {log}: this is the log itself: name another file\n"
+    )
+    assert log.read_bytes() == b"flight"
+
+
 # -- `arva-hil export`: a record, a format, a file -------------------------------------------------------------
 
 
