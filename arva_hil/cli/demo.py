@@ -128,6 +128,10 @@ class Flown:
 
 
 def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
+    plan = plan_of(options, chosen)  # before the record: a demo that cannot begin leaves none
+    if not team and not options.record:
+        options.record = str(new_folder())
+        tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
@@ -139,7 +143,7 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
         start = clock.now()
         loop = ClosedLoop(
             chosen,
-            plan_of(options, chosen),
+            plan,
             start=start,
             gps_noise_m=options.gps_noise,
             wires=wires,
@@ -165,18 +169,16 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
 
 
 def _alone(options: argparse.Namespace, chosen: Scenario) -> Scenario:
-    """Check the scenario of one drone, and choose the folder of its record. Raises UsageError."""
+    """Check the scenario of one drone, and the folder of its record. Raises UsageError."""
     if over_mavlink(chosen.output_format):
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     _check_pose(chosen, "its vehicle reports its true pose")
-    if not options.record:
-        options.record = str(new_folder())
-        tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
     count = len(chosen.transmitters)
     if options.victims != "all" and options.victims > count:
         there = "is one transmitter" if count == 1 else f"are {count} transmitters"
         raise UsageError(f"--victims {options.victims}: there {there} in {chosen.source or 'the scenario'}")
-    refuse_search(Path(options.record))  # before the emulator begins its record in this folder
+    if options.record:
+        refuse_search(Path(options.record))  # before the emulator begins its record in this folder
     return chosen
 
 

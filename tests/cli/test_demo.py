@@ -165,6 +165,11 @@ def test_a_folder_that_holds_a_search_or_a_record_stays_as_it_is(arva: Arva, tmp
     assert (tmp_path / name).read_text() == "of yesterday"
 
 
+def test_a_demo_that_cannot_begin_leaves_no_record(arva: Arva, tmp_path: Path) -> None:
+    says(arva.refused(*MAX, "--record", tmp_path / "d", "--strip-width", "builtin:nothing"), "--strip-width")
+    assert not (tmp_path / "d").exists()
+
+
 def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) -> None:
     says(arva.refused(*MAX, "--format", "tunnel"), "--format tunnel", "choose binary, nmea or text")
 
