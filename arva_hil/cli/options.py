@@ -194,7 +194,8 @@ class CommandParser(argparse.ArgumentParser):
         link = next((one for one in _LINKS if one in self._option_string_actions), None)
         if flag in _BAUD and link:
             return f"; write the baud rate after the port: {link} PORT,57600"
-        if flag.startswith("--") and (commands := self.commands_with(flag)):
+        known = flag in self._option_string_actions
+        if flag.startswith("--") and not known and (commands := self.commands_with(flag)):
             return f"; {flag} is an option of {' and '.join(commands)}"
         near = nearest(flag, self._option_string_actions)
         return f"; did you mean {near}?" if near else ""
