@@ -18,13 +18,15 @@ from arva_hil.errors import KindError
 
 _FILES: Final = (
     "FILE",
-    "FILE…",
     "LOG.tlog",
     "PLAN.yaml",
+    "PROFILE.yaml",
     "URL",
+    "PORT",
     "DIR|FILE",
-)  # a URL may be a device or a file of frames
-_FOLDERS: Final = ("DIR", "RUN", "RUN2")
+    "RUN|LOG",
+)  # a URL or a port may be a device or a file of frames
+_FOLDERS: Final = ("DIR", "RUN", "RUN2", "RECORD", "RECORD2")
 _KINDS: Final = {"format": registry.FORMATS, "strategy": registry.STRATEGIES, "export_format": registry.EXPORTS}
 
 

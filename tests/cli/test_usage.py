@@ -195,6 +195,9 @@ LINES = [
     (["arva-hil", "completion", ""], ["bash", "fish", "zsh"]),
     (["arva-hil", "check", "my_sc"], ["my_scenario.yaml"]),
     (["arva-hil", "replay", "--record", "my_f"], ["my_folder"]),
+    (["arva-hil", "compare", "my_"], ["my_folder"]),
+    (["arva-hil", "view", "my_s"], ["my_scenario.yaml"]),
+    (["arva-hil", "fit", "--out", "my_s"], ["my_scenario.yaml"]),
 ]
 BASH = """
 eval "$(cat script)"
