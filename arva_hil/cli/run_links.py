@@ -20,13 +20,13 @@ from arva_hil.links.serial_ports import find_autopilot, list_ports
 from arva_hil.links.url import excludes, place
 from arva_hil.mavlink.signing import Signing, key_of
 from arva_hil.registry import over_mavlink
-from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, ports_of
+from arva_hil.runtime.fleet_links import FleetSides, check_links, fleet_sides, ports_of
 from arva_hil.runtime.signing_state import PersistentSigning, state_file
 
 
 def choose_autopilot(*ports: str | None) -> str:
     """Return the one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
-    found = find_autopilot(list_ports(), exclude=[port.partition(",")[0] for port in ports if port])
+    found = find_autopilot(list_ports(), exclude=[parse(port).path for port in ports if port])
     if len(found) > 1:
         names = ", ".join(p.device for p in found)
         raise UsageError(f"several autopilots are plugged in ({names}): choose one with --autopilot")
@@ -93,10 +93,11 @@ def chosen_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
     named = all(vehicle.autopilot for vehicle in chosen.vehicles)
     if options.autopilot and named:
         raise UsageError(f"--autopilot: every vehicle of {chosen.source} names its own: leave it out")
-    usual = options.autopilot
-    if not usual and not named:
-        usual = choose_autopilot(*ports_of(chosen).values())
+    usual, ports = options.autopilot, ports_of(chosen)
     try:
+        if not usual and not named:
+            check_links(chosen.source, ports, {})  # so that each can be parsed
+            usual = choose_autopilot(*ports.values())
         return fleet_sides(chosen, usual, json=options.json)
     except ValueError as error:
         raise UsageError(error) from None

@@ -21,6 +21,8 @@ from arva_hil.cli import doctor
 from arva_hil.cli.diagnosis import diagnosis
 from arva_hil.cli.diagnosis.diagnosis import Finding, PortTraffic, Source, StreamRate, Traffic
 from arva_hil.cli.diagnosis.examination import PortProbe
+from arva_hil.cli.options import DEFAULT_AUTOPILOT
+from arva_hil.cli.run_links import choose_autopilot
 from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.events.words.text import BAD
 from arva_hil.links import Address, Link, LinkError, open_link, parse
@@ -195,6 +197,12 @@ def test_what_is_chosen_without_an_autopilot_is_said_and_why(
     monkeypatch.setattr(doctor, "list_ports", lambda: ports)
     monkeypatch.setattr(doctor, "open_link", opener)
     assert examine(fails=("link",))["autopilot"]["found"] == why
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyACM9,57600", "serial:/dev/ttyACM9", "serial:///dev/ttyACM9:57600"])
+def test_the_port_for_frames_is_not_chosen_as_the_autopilot(monkeypatch: pytest.MonkeyPatch, port: str) -> None:
+    monkeypatch.setattr("arva_hil.cli.run_links.list_ports", lambda: [SerialPort("/dev/ttyACM9", autopilot=True)])
+    assert choose_autopilot(port) == DEFAULT_AUTOPILOT
 
 
 # -- the autopilot's link ------------------------------------------------------------------------------------
