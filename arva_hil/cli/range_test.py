@@ -36,13 +36,14 @@ def main(options: argparse.Namespace) -> None:
 def _receivers(options: argparse.Namespace) -> list[tuple[str, Scenario]]:
     """Return each receiver of the scenario with its name, "" if it is the only one."""
     chosen = load(options.scenario) if options.scenario else DEFAULT
-    if options.seed is not None:
-        chosen = replace(chosen, seed=options.seed)
-    return [
+    every = [
         (f"{vehicle.name}/{receiver.name}", scenario_of(chosen, receiver))
         for vehicle in chosen.vehicles
         for receiver in vehicle.receivers
     ] or [("", chosen)]
+    if options.seed is None:
+        return every
+    return [(name, replace(scenario, seed=options.seed)) for name, scenario in every]
 
 
 def _write(folder: Path, sheets: Sequence[DataSheet]) -> None:

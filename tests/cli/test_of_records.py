@@ -259,6 +259,12 @@ def test_it_prints_a_sheet_and_leaves_it_with_a_table_and_a_picture_in_a_folder(
 
 
 @pytest.mark.usefixtures("few_passes")
+def test_the_seed_that_is_typed_is_that_of_every_receiver(arva: Arva) -> None:
+    out = arva("range-test", "--scenario", "builtin:two_vehicles", "--seed", 9, "--walks", 1).out
+    assert out.count("seeds from 9 on") == 3
+
+
+@pytest.mark.usefixtures("few_passes")
 def test_each_receiver_of_a_scenario_has_a_sheet_of_its_own(arva: Arva) -> None:
     out = arva("range-test", "--scenario", "builtin:two_vehicles", "--walks", 1, "--json").out
     sheets = [json.loads(line) for line in out.splitlines()]
