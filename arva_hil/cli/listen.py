@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import select
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +45,7 @@ def _frames(sample: bytes, name: str) -> int:
     return sum(not getattr(FORMATS[name], "measured", "") or frame.measured is not None for frame in frames)
 
 
+_LOOK_S: Final = 0.1  # between looks at the clock while stdin is silent
 _WATCHDOG_S: Final = 2.0  # after this time without a frame, consumers report that the receiver does not work
 _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the first
 
@@ -72,8 +74,10 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(f"{path}: is a directory: write the file in it, e.g. {path / 'frames.bin'}")
     clock = RealClock()
     if options.url == "-":
-        while not listener.enough and (chunk := os.read(sys.stdin.fileno(), 4096)):
+        for chunk in _chunks(sys.stdin.fileno(), clock, options.duration):
             listener.take(chunk, clock.now())
+            if listener.enough:
+                break
         listener.finish()
         return listener.verdict()
     with closing(common.open_or_fail(options.url, clock)) as link:
@@ -84,6 +88,17 @@ def main(options: argparse.Namespace) -> int:
         finally:
             listener.finish()
     return INTERRUPTED if interrupted else listener.verdict()
+
+
+def _chunks(fd: int, clock: Clock, duration: float) -> Iterator[bytes]:
+    """Yield the bytes of a file until it ends, or for a time [s]."""
+    until = clock.now() + duration
+    while (left := until - clock.now()) > 0:
+        if left < math.inf and not select.select([fd], [], [], min(left, _LOOK_S))[0]:
+            continue
+        if not (chunk := os.read(fd, 4096)):
+            return
+        yield chunk
 
 
 @dataclass

@@ -275,6 +275,12 @@ def test_stdin_of_another_format_is_an_error(start: Start, tmp_path: Path) -> No
     assert "the bytes are binary: --format binary" in program.ends(1)
 
 
+def test_stdin_is_read_for_the_time_that_is_asked_for(start: Start) -> None:
+    read, write = os.pipe()
+    with open(read, "rb") as stdin, open(write, "wb"):
+        assert start("listen", "-", "--duration", 0.2, stdin=stdin).ends().startswith("0 frames, ")
+
+
 # -- `vehicle`: the built-in vehicle for whoever wants to talk to it -------------------------------------------
 
 
