@@ -22,6 +22,7 @@ _LOOK_S: Final = 0.1
 
 
 def main(options: argparse.Namespace) -> int:
+    common.refuse_stdout("PORT", options.port)
     if (form := getattr(FORMATS[options.format], "host", None)) is None:
         raise UsageError(f"--format {options.format}: there are no commands in this format")
     command = Command(os.getpid() % 256, options.name, tuple(options.values))

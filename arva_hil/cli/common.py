@@ -125,6 +125,12 @@ def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_
     return link
 
 
+def refuse_stdout(what: str, url: str) -> None:
+    """Raise UsageError for stdout in place of a link that the command reads."""
+    if url.strip() == "-":
+        raise UsageError(f"{what} -: this is stdout, which cannot be read: name a link")
+
+
 def open_reopened(address: str, clock: Clock, stack: ExitStack, *, answered: bool = False) -> Link:
     """Open a link that `stack` closes, and that is opened again whenever it is lost. Raises as `open_or_fail` does.
 

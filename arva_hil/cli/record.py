@@ -39,6 +39,8 @@ def main(options: argparse.Namespace) -> int:
     if not options.receiver:
         raise UsageError("--receiver is missing: name the receiver's port, e.g. --receiver /dev/ttyUSB0")
     autopilot = options.autopilot or choose_autopilot(options.receiver)
+    common.refuse_stdout("--autopilot", autopilot)
+    common.refuse_stdout("--receiver", options.receiver)
     if parse(options.receiver) != Address("pty") and place(autopilot) == place(options.receiver):
         raise UsageError(f"the autopilot and --receiver are both {options.receiver}: each side needs its own")
     scenario = surveyed(options)

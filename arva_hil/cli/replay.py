@@ -18,7 +18,7 @@ from arva_hil.config import Scenario
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import VehicleSetup, receivers_of
 from arva_hil.events import LogClockSet, LogLayout
-from arva_hil.links import Link, LinkError
+from arva_hil.links import Link, LinkError, parse
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.links.tlog import BIG, TlogReader
 from arva_hil.links.tlog_timeline import Record, Timeline
@@ -82,6 +82,8 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError("the log's name is empty: write LOG.tlog")
     if options.port and options.out:
         raise UsageError("--port and --out: choose one")
+    if options.port and parse(options.port).kind == "tlog":
+        raise UsageError(f"--port {options.port}: this is a log: frames cannot be sent there; --out writes a file")
     if options.json and "-" in (options.out, options.port):
         raise UsageError("--json and the frames both go to stdout: choose one")
 

@@ -21,6 +21,8 @@ _APART_M = 5.0
 def main(options: argparse.Namespace) -> int:
     if not options.link:
         raise UsageError("the following arguments are required: --link URL", "e.g. --link udpout:127.0.0.1:14550")
+    for url in options.link:
+        common.refuse_stdout("--link", url)
     if again := next((url for url in options.link if url != "pty" and options.link.count(url) > 1), None):
         raise UsageError(f"--link {again}: named twice")
     if options.system + options.count - 1 > 250:
