@@ -154,6 +154,8 @@ def members_of(options: argparse.Namespace) -> list[Member]:
 def _one_of_team(options: argparse.Namespace) -> Member:
     """Return the vehicle that --vehicle names; other programs fly the others."""
     scenario = load(options.scenario)
+    if options.target_system is not None:
+        raise UsageError(f"--target-system: {scenario.source} has the system of each vehicle: leave it out")
     names = [vehicle.name for vehicle in scenario.vehicles]
     if options.vehicle not in names:
         raise UsageError(f"--vehicle {options.vehicle}: {scenario.source} has {', '.join(names) or 'no vehicles'}")
