@@ -100,7 +100,7 @@ def counters(emulator: Emulator) -> dict[str, Any]:
     """Return every counter of a run of one vehicle with one receiver."""
     (vehicle,) = emulator.vehicles
     ((_, port),) = vehicle.units
-    return {**_receiver(port), **vehicle.session.counts(), "faults": port.fault_counts()}
+    return {**_receiver(port), **vehicle.session.counts()}
 
 
 def summary_lines(emulator: Emulator) -> list[str]:
