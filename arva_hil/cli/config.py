@@ -15,7 +15,7 @@ from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.run_links import choose_autopilot
 from arva_hil.cli.terminal import show, show_json
-from arva_hil.config import Scenario, load, to_dict
+from arva_hil.config import Scenario, to_dict
 from arva_hil.config.profiles import located
 from arva_hil.config.reading import read_text
 
@@ -40,11 +40,10 @@ class Origins:
         if options.scenario:
             self._file = located(options.scenario)
             root = yaml.compose(read_text(self._file, "a scenario file"), yaml.BaseLoader)
-            self._lines = dict(_lines(root)) if root else {}
-            self._of_file = len(load(self._file).faults)
-        if None in (options.fault or ()):  # `none` removes all faults before it
-            self._of_file = 0
-        self._of_file = min(self._of_file, len(chosen.faults))
+            self._lines = dict(_lines(root)) if root else {}  # of a pipe, which is read only once, no line is known
+        given = options.fault or ()
+        if None not in given:  # `none` removes all faults before it
+            self._of_file = len(chosen.faults) - len(given)
 
     def of(self, key: Key) -> str:
         """Return the source of the value at the path `key` of the scenario."""
@@ -60,7 +59,7 @@ class Origins:
         for candidate in _said_as(key):
             if candidate in self._lines:
                 return f"{self._file}:{self._lines[candidate]}"
-        return DEFAULT
+        return DEFAULT if self._lines or not self._file else self._file
 
 
 def _said_as(key: Key) -> Iterator[Key]:

@@ -148,6 +148,19 @@ def test_the_environment_is_stronger_than_the_file_and_the_command_line_stronger
     )
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes as Unix has them")
+def test_a_scenario_that_comes_from_a_pipe_is_printed(arva: Arva) -> None:
+    read, write = os.pipe()
+    os.write(write, SCENARIO.encode())
+    os.close(write)
+    try:
+        said = origins(arva("config", "--scenario", f"/dev/fd/{read}", "--seed", 9, "--json").out)
+    finally:
+        os.close(read)
+    assert said["faults.0.drop"] == (0.02, f"/dev/fd/{read}")
+    assert said["seed"] == (9, "command line")
+
+
 def test_faults_that_are_taken_away_are_gone(arva: Arva, file: Path) -> None:
     said = origins(arva("config", "--scenario", file, "--fault", "none", "--json").out)
     assert said["faults"] == ([], "command line")
