@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
@@ -15,6 +16,8 @@ from arva_hil.records.fitting.scatter import Gps
 def main(options: argparse.Namespace) -> int:
     if not options.out:
         raise UsageError("--out is missing: name the profile to write, e.g. --out my_receiver.yaml")
+    if options.scenario_out and os.path.realpath(options.scenario_out) == os.path.realpath(options.out):
+        raise UsageError(f"--out and --scenario-out are both {options.out}: name two files")
     with needing("fit", "fit"):
         import scipy  # noqa: F401 (before seconds of reading)
 
@@ -30,7 +33,8 @@ def main(options: argparse.Namespace) -> int:
         out, profile.profile(found, [record.run.started if record.run else "" for record in records]).encode(), *records
     )
     if options.scenario_out:
-        write(Path(options.scenario_out), profile.scenario(found, out.name).encode(), *records)
+        site = Path(options.scenario_out)
+        write(site, profile.scenario(found, os.path.relpath(out, site.parent)).encode(), *records)
     show_one(found.as_json(), *lines(found), as_json=options.json)
     tell(*(f"warning: {doubt}" for doubt in found.doubts))
     return FAILED if found.doubts else OK

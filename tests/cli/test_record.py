@@ -394,7 +394,7 @@ def test_a_fit_of_one_flight_agrees_with_a_second_one(arva: Arva, tmp_path: Path
     chosen = replace(chosen, navigation_error=None)
     first = rehearse(tmp_path / "first", chosen, SHORT[:9], latency_s=truth["latency"])
     second = rehearse(tmp_path / "second", replace(chosen, seed=9), SHORT[4:13], latency_s=truth["latency"])
-    site = tmp_path / "my_site.yaml"
+    (site := tmp_path / "sites" / "my_site.yaml").parent.mkdir()
     words = ("--out", tmp_path / "my_receiver.yaml", "--scenario-out", site, "--gps-sigma", 0.05)
     out = arva("fit", first, "--model", "paper", *words).out
     says(out, "kappa_eq", "95 % interval")
