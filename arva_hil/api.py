@@ -180,7 +180,7 @@ def _check_own(scenario: Scenario, port: str | None, target_system: int | None) 
 class _Watcher:
     """Remembers the reason to end the run."""
 
-    def __init__(self, on_event: Callable[[Event], object], vehicles: int = 1) -> None:
+    def __init__(self, on_event: Callable[[Event], object], vehicles: int) -> None:
         self._on_event = on_event
         self._missing = MissingVehicles(vehicles)
         self._error: BaseException | None = None

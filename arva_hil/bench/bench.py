@@ -284,7 +284,7 @@ class Bench:
         self._port.settle(unread + self._port.sent - sent)
 
     def _next_due(self) -> float:
-        return min(self._vehicle.next_due, self._followed.next_due)
+        return max(self.now(), min(self._vehicle.next_due, self._followed.next_due))
 
     def _service(self) -> None:
         """Do what is due now."""

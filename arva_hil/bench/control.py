@@ -134,8 +134,8 @@ class ControlServer:
         self._too_long = False
         try:
             self._listener, self.address = self._listen(address)
-        except OSError as error:
-            raise BenchError(f"{address}: cannot listen there: {error.strerror}") from error
+        except (OSError, OverflowError) as error:
+            raise BenchError(f"{address}: cannot listen there: {getattr(error, 'strerror', None) or error}") from error
         self._listener.setblocking(False)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)

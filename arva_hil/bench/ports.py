@@ -158,12 +158,8 @@ class MemorySerial(io.RawIOBase):
     @property
     def in_waiting(self) -> int:
         """The number of bytes that can be read at once."""
-        if (far := self._port.far) is not None and self._port.link is not None:
-            self._bytes += far.read()
-        elif not self._bytes:
-            from serial import SerialException
-
-            raise SerialException("the port is unplugged")
+        if self._port.link is not None or not self._bytes:
+            self._bytes += self._far().read()
         return len(self._bytes)
 
     def read(self, size: int = 1) -> bytes:
@@ -189,13 +185,20 @@ class MemorySerial(io.RawIOBase):
 
     def write(self, data: Any) -> int:
         """Send bytes to the receiver."""
-        if (far := self._port.far) is not None:
-            far.write(bytes(data))
+        self._far().write(bytes(data))
         return len(data)
 
     def reset_input_buffer(self) -> None:
         """Discard unread bytes."""
         del self._bytes[: self.in_waiting]
+
+    def _far(self) -> Link:
+        """Return the far end of the port. Raises SerialException while the port is unplugged."""
+        if self._port.far is None or self._port.link is None:
+            from serial import SerialException
+
+            raise SerialException("the port is unplugged")
+        return self._port.far
 
 
 def _free_udp_port() -> int:

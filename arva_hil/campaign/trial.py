@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import itemgetter
@@ -43,7 +44,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a trial. The errors are None if nothing was found.
+    """The result of a trial. The errors are None if nothing was found, or more places than there are transmitters.
 
     The errors are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the
     true place of the vehicle at the end of the search, before the descent (None for several drones). Of several
@@ -103,7 +104,7 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
     hovers = first.mission is not None and first.mission.found is not None and not team
     return Result(
         outcome if team else _outcome(first),
-        max(errors, default=None),
+        None if math.inf in errors else max(errors, default=None),
         first.off(clock.now()) if hovers else None,
         max((mission.progress.searched_s for mission in missions), default=0.0),
         sum((mission.progress.path_m for mission in missions), 0.0),

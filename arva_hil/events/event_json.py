@@ -61,7 +61,7 @@ def event_of(said: Mapping[str, Any]) -> Event | None:
         event = kind(**fields) if kind else None
     except TypeError:  # it lacks fields, or has others
         return None
-    return FromSearch(event.time_s, event, said.get("of", "")) if event and said.get("by") == "search" else event
+    return FromSearch(event.time_s, event, str(said.get("of", ""))) if event and said.get("by") == "search" else event
 
 
 @functools.cache

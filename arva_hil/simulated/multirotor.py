@@ -64,7 +64,7 @@ class Multirotor:
     `wind`: velocity of the air, NED, m/s. The powered vehicle tilts against it and does not drift.
     """
 
-    def __init__(self, wind: Vector = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, wind: Vector) -> None:
         self.north = self.east = self.down = 0.0
         self.yaw = 0.0  # radians, never wrapped
         self.steps = 0

@@ -26,6 +26,7 @@ from arva_hil.simulated.position import Home, PositionError
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _HEARTBEAT_US: Final = 1_000_000
 _SHORTEST_US: Final = 3000
+_LONGEST_US: Final = 2**31 - 1  # MESSAGE_INTERVAL has no longer one
 
 # The messages of each stream of REQUEST_DATA_STREAM.
 _GROUPS: Final[dict[int, tuple[int, ...]]] = {
@@ -70,7 +71,7 @@ class MessageRates:
 
     def request(self, msgid: int, interval_us: int, now: int) -> bool:
         """Handle SET_MESSAGE_INTERVAL: 0 is the default, -1 is never. Returns False if it is denied."""
-        if msgid not in BUILDERS or (interval_us not in (0, -1) and interval_us < _SHORTEST_US):
+        if msgid not in BUILDERS or not (interval_us in (0, -1) or _SHORTEST_US <= interval_us <= _LONGEST_US):
             return False
         if interval_us == 0 or (msgid == _HEARTBEAT and interval_us == -1):
             self._set(msgid, self._defaults.get(msgid), now)

@@ -32,6 +32,7 @@ def test_the_wire_carries_the_frames_that_the_bench_names(port: str) -> None:
 
 def test_thirty_seconds_in_small_steps_are_the_same_frames() -> None:
     with Bench(port="memory") as whole, Bench(port="memory") as parts:
+        assert parts.advance(0) == []
         for _ in range(300):
             parts.advance(0.1)
         assert [one.frame for one in parts.frames] == [one.frame for one in whole.advance(30)]
@@ -133,6 +134,13 @@ def test_a_port_in_memory_is_read_as_pyserial_s_own() -> None:
         bench.advance(1)
         serial.reset_input_buffer()
         assert serial.in_waiting == 0
+        bench.unplug()
+        with pytest.raises(SerialException, match="unplugged"):
+            serial.read()
+        with pytest.raises(SerialException, match="unplugged"):
+            serial.write(b"x")
+        bench.replug()
+        assert serial.write(b"x") == 1
     assert not serial.is_open
 
 

@@ -138,6 +138,12 @@ def test_one_client_at_a_time_and_lines_of_bounded_length(bench: Bench, tmp_path
     assert not (tmp_path / "control").exists()
 
 
+@every("address", ["tcp:127.0.0.1:65536", f"unix:/tmp/{'x' * 200}"])
+def test_an_address_that_cannot_be_is_refused_with_the_reason(bench: Bench, address: str) -> None:
+    with pytest.raises(BenchError, match=r"cannot listen there: (?!None)"):
+        ControlServer(bench, address)
+
+
 @every("address", ["tcp:0.0.0.0:5000", "tcp:10.0.0.1:5000", "udp:127.0.0.1:5000", "unix:", "unix:/none/control", ""])
 def test_it_listens_on_this_machine_alone(bench: Bench, address: str) -> None:
     with pytest.raises(BenchError, match=r"control|listen"):

@@ -33,6 +33,7 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
 from arva_hil.simulated.closed_loop import ClosedLoop
 from tests.one_receiver import Diary
 
@@ -232,6 +233,26 @@ def test_of_several_victims_the_uncertainty_is_that_of_the_place_with_the_larges
     one = row_of(tmp_path, two, f"{PLAN}victims: 2\n")
     assert (one.outcome, one.error_m, one.sigma_m) == ("found", pytest.approx(0, abs=0.1), pytest.approx(2.1, abs=0.1))
     assert (one.relative_m, one.relative_sigma_m) == (None, None)  # the vehicle has left the first place
+
+
+class FoundAtOnce:
+    """Reports the place of each reading as found."""
+
+    def __init__(self, speed: float) -> None:
+        self.found: Found | None = None
+
+    def observe(self, observation: Observation) -> None:
+        self.found = Found(*observation.position[:2])
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        return STILL
+
+
+def test_more_places_than_transmitters_have_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(STRATEGIES.loaded, "flux", FoundAtOnce)
+    plan = "strategies: flux\nscenarios: one.yaml\nvictims: all\nlimit_s: 30\n"
+    one = row_of(tmp_path, "transmitters: [{id: 1, ned: [12, 5, 0]}]\noutput: {format: text}\n", plan)
+    assert (one.error_m, one.success(2.0)) == (None, False)
 
 
 def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ from arva_hil.model.receiver import ChannelReading, Look, PaperReceiver, Pose
 from arva_hil.model.receiver.paper import Antennas
 from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.observers.web.background import REACH_M, Background, map_file, terrain
+from arva_hil.observers.web.health import CHECKS
 from arva_hil.observers.web.jsons import TextHistory
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.server import Server, WebError, pages
@@ -196,11 +197,9 @@ def test_what_comes_from_outside_is_escaped() -> None:
 
 
 def test_streams_counters_and_links_are_shown() -> None:
-    state = state_of(
-        [status(), LinkLost(2.0, "port", "/dev/ttyUSB0", "unplugged"), VehicleLost(2.0, "vehicle", "q", 3.0)],
-        asked_hz={"ATTITUDE": 50.0},
-        links={"port": "/dev/ttyUSB0"},
-    )
+    state = state_of([status(), VehicleLost(2.0, "vehicle", "q", 3.0)], asked_hz={"ATTITUDE": 50.0})
+    state.health.add_link("port", "/dev/ttyUSB0")
+    state.update([LinkLost(2.0, "port", "/dev/ttyUSB0", "unplugged")])
     (vehicle,) = shown(state)["vehicles"]
     assert vehicle["streams"] == [
         {"name": "ATTITUDE", "hz": 49.6, "asked_hz": 50.0},
@@ -249,6 +248,15 @@ def test_the_vehicle_s_own_state_is_shown_with_the_cure() -> None:
     state.health.forget()
     state.update([status(13.0), packets(13.0, turned)])
     assert checks(state)["EKF"][:2] == ["warn", "compass 1.3"]
+
+
+@pytest.mark.parametrize("msgid", CHECKS)
+def test_a_packet_that_is_too_short_for_its_message_is_left_out_and_the_page_goes_on(msgid: int) -> None:
+    head = bytes([1, 0, 1, 1, msgid, 7])  # MAVLink 1, whose payloads are never cut, with a payload of one byte
+    crc = dialect.x25crc(head + bytes([dialect.mavlink_map[msgid].crc_extra])).crc
+    (short,) = Parser().feed(b"\xfe" + head + crc.to_bytes(2, "little"))
+    state = state_of([status(), PacketsReceived(1.0, "autopilot", [short])])
+    assert checks(state) == {"link": ["good", "0.0 s ago", ""]}
 
 
 def test_vehicles_with_their_own_home_are_on_one_map_and_one_transmitter_is_shown_once() -> None:
@@ -555,6 +563,11 @@ def test_a_search_without_news_has_its_readings_of_every_time(tmp_path: Path) ->
         '{"event": "place_found", "time_s": 1.0, "by": "search"}',
         '{"event": "transmitter_heard", "time_s": 1.0, "transmitter": [], "distance_m": 1, "north_m": {}, "east_m": 0}',
         '{"event": "link_lost", "time_s": 1.0, "link": {}, "address": 5, "reason": [1]}',
+        '{"event": "waiting_for", "time_s": 1.0, "what": "pose", "by": "search", "of": ["a"]}',
+        '{"event": "search_ended", "time_s": 1.0, "how": "x", "landing": true, "by": "search", "of": 5}',
+        '{"event": "frame_heard", "time_s": 1.0, "frame": 3, "position": null, "heading_deg": null}',
+        '{"event": "frame_made", "time_s": 1.0, "vehicle": "v", "receiver": "r", "number": 1, "instant_s": 1, '
+        '"boot_s": 1, "pose": null, "age_s": null, "reading": 1, "frame": 1, "sent": true, "late_s": 0}',
     ],
 )
 def test_events_that_are_not_as_expected_do_no_harm(record: Path, line: str) -> None:

@@ -174,7 +174,7 @@ def test_all_is_told_in_the_order_of_time() -> None:
 def test_a_denied_rate_leaves_the_old_one() -> None:
     client = Client()
     assert client.command(SET_INTERVAL, 30, 100_000) == ACCEPTED
-    for denied in ((30, 2_500), (30, -7), (30, math.inf), (9999, 100_000), (math.nan, 100_000)):
+    for denied in ((30, 2_500), (30, -7), (30, math.inf), (9999, 100_000), (math.nan, 100_000), (30, 3e9)):
         assert client.command(SET_INTERVAL, *denied) == DENIED
     assert names(client.run(10.0))["ATTITUDE"] == 100
 

@@ -96,12 +96,12 @@ CHECKS: Final[Mapping[int, Callable[[Any], Check | None]]] = {  # by message id,
 class Health:
     """Remembers the newest status, the newest packets of each autopilot, which vehicles and links are lost, and why.
 
-    `asked_hz`: the requested rates by message name. `links`: connection strings by the engine's names.
+    `asked_hz`: the requested rates by message name.
     """
 
-    def __init__(self, asked_hz: dict[str, float], links: dict[str, str]) -> None:
+    def __init__(self, asked_hz: dict[str, float]) -> None:
         self._asked_hz = asked_hz
-        self._links: dict[str, dict[str, Any]] = {name: _link(address) for name, address in links.items()}
+        self._links: dict[str, dict[str, Any]] = {}  # by the engine's names
         self._labels: dict[str, str] = {}
         self._silent: set[str] = set()
         self._report: StatusReport | None = None
@@ -164,7 +164,8 @@ class Health:
         newest = self._newest.get(source, {})
         age_s = max(0.0, now - self._heard_s[source])
         cure = "" if age_s < _OLD_S else "is it powered, and in range of its link?"
-        lines = [check(decode(newest[id_])) for id_, check in CHECKS.items() if id_ in newest]
+        messages = [(check, decode(newest[id_])) for id_, check in CHECKS.items() if id_ in newest]
+        lines = [check(message) for check, message in messages if message is not None]
         lines.append(Check("bad" if cure else "good", "link", f"{age_s:.1f} s ago", cure))
         return [line for line in lines if line]
 

@@ -68,7 +68,7 @@ def point(
     )
 
 
-def point_of(made: FrameMade, offset: tuple[float, float, float], *, hidden: bool = False) -> str:
+def point_of(made: FrameMade, offset: tuple[float, float, float], *, hidden: bool) -> str:
     """Return a frame as a point. `offset`: of the vehicle's datum in the map, NED, metres. `hidden`: without ranges."""
     place: tuple[float | None, ...] = (None, None, None)
     yaw_deg = None

@@ -71,7 +71,6 @@ class State:
         datum: tuple[float, float, float] | None = None,
         kappa_eq: float = _KAPPA_EQ,
         asked_hz: Mapping[str, float] | None = None,
-        links: Mapping[str, str] | None = None,
         faults: Iterable[str] = (),
         named: bool = False,
         background: Source | None = None,
@@ -80,7 +79,7 @@ class State:
         self.version = 1
         self._course = _Course(hidden)
         self._background = Background(source=background)
-        self.health = Health(dict(asked_hz or {}), dict(links or {}))
+        self.health = Health(dict(asked_hz or {}))
         self.places = Places()
         self._about: dict[str, Any] = {
             "run": secrets.token_hex(4),

@@ -13,10 +13,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.events import DatumSet, Event, PacketsReceived, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events import DatumSet, Event, FrameMade, PacketsReceived, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.event_json import event_of
 from arva_hil.events.reasons import Why, because
-from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TakeOffPoint, VictimNoted, WaitingFor
+from arva_hil.events.searches import (
+    FrameHeard,
+    FromSearch,
+    PlaceFound,
+    SearchEnded,
+    TakeOffPoint,
+    VictimNoted,
+    WaitingFor,
+)
 from arva_hil.events.words.text import Notice
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.model.field import LocalFrame
@@ -264,8 +272,8 @@ def _event(said: Mapping[str, Any]) -> Event | None:
     """Return an event of a record; None for an unknown or unused one. Datums are in the record itself."""
     with contextlib.suppress(Exception):  # a value in it may be of any type
         event = event_of(said)
-        if event is not None and not isinstance(event, DatumSet):
-            search, health = SearchView(Places()), Health({}, {})
+        if event is not None and not isinstance(event, DatumSet | FrameHeard | FrameMade):
+            search, health = SearchView(Places()), Health({})
             for one in (WaitingFor(0.0, "pose"), event.event if isinstance(event, FromSearch) else event):
                 search.observe(one)
                 health.observe(one)
