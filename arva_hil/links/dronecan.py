@@ -119,13 +119,12 @@ class DroneCanLink(Link):
         return True
 
     def ready(self) -> bool:
-        if self._fd is not None:
-            return super().ready()
-        try:
-            self._spin()
-        except LinkError:
-            return True
-        return bool(self._arrived)
+        if self._open and self._fd is None:
+            try:
+                self._spin()
+            except LinkError:
+                return True
+        return super().ready() or (self._open and bool(self._arrived))  # a write takes frames in too
 
     def close(self) -> None:
         if self._open:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import socket
 import sys
 from collections.abc import Callable
 from random import Random
@@ -40,6 +41,23 @@ def test_bytes_pass_both_ways(keep: Keep, bus: str) -> None:
     assert receive(autopilot, len(long)) == long
     assert autopilot.write(b"command")
     assert receive(receiver, 7) == b"command"
+
+
+def test_bytes_that_came_before_a_write_are_ready_after_it(keep: Keep) -> None:
+    receiver, autopilot = ends(keep, "virtual:before-a-write")
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        receiver._fd = silent.fileno()  # as on SocketCAN, where a descriptor is ready only while frames wait
+        assert autopilot.write(b"command")
+        assert receiver.write(FRAME)
+        assert receiver.ready()
+        assert receiver.read() == b"command"
+        assert not receiver.ready()
+    receiver.close()
+    autopilot.close()
+    assert not receiver.ready()
+    assert not autopilot.ready()
 
 
 def test_another_port_and_another_node_are_not_read(keep: Keep) -> None:
