@@ -15,6 +15,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from arva_hil.autopilot.commanding.authority import HOLDERS, Authority, Holder
 from arva_hil.autopilot.commanding.commander import Commander, Phase, SetPoints
+from arva_hil.autopilot.commanding.complaints import Complaints
 from arva_hil.autopilot.commanding.sticks import Sticks
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.events.words.reasons import in_words
@@ -430,6 +431,34 @@ def chunks(text: str, id_: int, severity: int = dialect.MAV_SEVERITY_CRITICAL) -
     raw = text.encode()
     for seq, at in enumerate(range(0, len(raw) + (len(raw) % 50 == 0), 50)):
         yield dialect.MAVLink_statustext_message(severity, raw[at : at + 50], id_, seq)
+
+
+@every(
+    "came, text",
+    [
+        ((0, 1, 2, 3), "0123"),
+        ((0, 1, 1, 2, 2, 3), "0123"),
+        ((0, 2, 3), "0…23"),
+        ((0, 3), "0…3"),
+        ((2, 3), "…23"),
+        ((1, *[2] * 1000, 3), "…123"),
+        ((0, 1, 0, 1, 2, 3), "0123"),
+    ],
+)
+def test_a_text_in_chunks_that_come_twice_or_never(came: tuple[int, ...], text: str) -> None:
+    complaints = Complaints()
+    for seq in came:
+        chunk = str(seq).encode() * (50 if seq < 3 else 9)
+        whole = complaints.on_text(dialect.MAVLink_statustext_message(2, chunk, 7, seq))
+    assert "".join(one for one, _ in groupby(whole)) == text
+    assert len(whole) <= 2 + 3 * 50 + 9
+
+
+def test_chunks_without_an_end_fill_no_memory() -> None:
+    complaints = Complaints()
+    for _ in range(10_000):
+        assert complaints.on_text(dialect.MAVLink_statustext_message(2, b"x" * 50, 7, 1)) == ""
+    assert len(str(complaints._open)) < 1000
 
 
 def test_it_says_why_it_does_not_arm() -> None:

@@ -41,7 +41,7 @@ class Complaints:
     def __init__(self) -> None:
         self.refused_order = self.refused_result = ""
         self.recent: list[str] = []
-        self._open: dict[int, list[str]] = {}  # chunks by the text's id
+        self._open: dict[int, tuple[int, str]] = {}  # by the text's id: the number of the next chunk, and those before
         self._unwell: list[str] = []
 
     def on_ack(self, message: Any) -> bool:
@@ -58,18 +58,21 @@ class Complaints:
         """Use a STATUSTEXT. Returns the text that it completes if it is a new warning, otherwise ""."""
         if message.severity > dialect.MAV_SEVERITY_WARNING:
             return ""
-        parts = self._open.pop(message.id, [])
+        due, text = self._open.get(message.id, (0, ""))
+        if 0 < message.chunk_seq < due:  # it comes twice
+            return ""
+        self._open.pop(message.id, None)
         if message.chunk_seq == 0:
-            parts = []
-        elif message.chunk_seq > len(parts):
-            parts.append("…")
-        parts.append(message.text)
+            text = ""
+        elif message.chunk_seq > due:
+            text += "…"
+        text = f"{text}{message.text}"
         if message.id and len(message.text) == _CHUNK:
             if len(self._open) >= _MOST_OPEN:
                 self._open.clear()
-            self._open[message.id] = parts
+            self._open[message.id] = message.chunk_seq + 1, text
             return ""
-        text = "".join(parts).strip()
+        text = text.strip()
         if not text or text in self.recent:
             return ""
         self.recent = [*self.recent[1 - _MOST_RECENT :], text]
