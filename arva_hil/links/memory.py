@@ -93,6 +93,10 @@ class LinkUser(SeveralSenders):
         self._size = 0
         self.note()
 
+    @property
+    def away(self) -> bool:
+        return self._shared.link.away
+
     def put(self, sender: Sender, data: bytes) -> None:
         """Add bytes that came on the link."""
         if self._pinned and sender != self.peer:

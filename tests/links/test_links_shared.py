@@ -7,9 +7,14 @@ from contextlib import closing
 
 import pytest
 
+from arva_hil.clock import StepClock
+from arva_hil.events import LinkThere
 from arva_hil.links import LinkError, memory
+from arva_hil.links.base import Absent
 from arva_hil.links.memory import SharedLink
+from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.links.udp import UdpInLink
+from arva_hil.runtime.link_monitor import LinkMonitor
 
 
 def test_each_user_reads_everything_once_and_writes_go_out() -> None:
@@ -59,6 +64,18 @@ def test_a_user_that_is_pinned_reads_its_own_sender_alone() -> None:
         assert one.receive() == [(senders[0], b"3")]
         assert dict(other.receive()) == {senders[0]: b"3", senders[1]: b"2"}
         assert near.losses == 0  # another one's sender is no loss
+
+
+def test_each_user_knows_of_a_link_that_is_not_there_yet() -> None:
+    clock, (near, _) = StepClock(), memory.pair()
+    shared = SharedLink(ReconnectingLink(Absent("tcp", "refused"), lambda: near, clock, start=lambda job: job()))
+    users = [shared.user(), shared.user()]
+    assert [(user.away, user.why) for user in users] == [(True, "tcp: refused")] * 2
+    monitor = LinkMonitor("autopilot", users[0])
+    clock.wait(1.0)
+    assert users[0].receive() == []
+    assert not any(user.away for user in users)
+    assert [type(event) for event in monitor.poll(1.0)] == [LinkThere]
 
 
 def test_the_end_of_the_link_is_said_to_each_user() -> None:
