@@ -134,7 +134,8 @@ class UdpInLink(SeveralSenders, _UdpLink):
             self._socket.sendto(data, self.peer)
             return
         there = self._senders if self._others is None else self._others
-        if not there and self._open:
+        if not there:
+            self._check_open()
             raise BlockingIOError
         failed: list[OSError] = []
         for receiver in there:

@@ -281,6 +281,15 @@ def test_a_datagram_that_cannot_go_is_counted(udpin: UdpInLink, monkeypatch: pyt
     assert udpin.dropped == 1
 
 
+@pytest.mark.parametrize("followed", [True, False])
+def test_a_closed_udpin_that_nobody_wrote_to_takes_no_bytes(udpin: UdpInLink, followed: bool) -> None:
+    if followed:
+        udpin.follow(None)
+    udpin.close()
+    with pytest.raises(LinkError, match="is closed"):
+        udpin.write(b"x")
+
+
 @pytest.mark.parametrize("size", [70_000])
 def test_a_datagram_too_long_is_the_callers_mistake(keep: Keep, size: int) -> None:
     link = keep(UdpOutLink("127.0.0.1", 14550))
