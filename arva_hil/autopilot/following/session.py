@@ -165,7 +165,7 @@ class Session:
         """Return True if packets of a sender may be the vehicle's. The link is being read at `now`."""
         if sender is not None:
             self.senders.on_read(now)
-        return self.vehicle is None or sender == self.senders.vehicle or self.senders.accepts(sender, now)
+        return self.vehicle is None or self.senders.accepts(sender, now)
 
     def follows(self, sender: Hashable) -> bool:
         """Return True if the vehicle uses this sender; also while there is no vehicle."""
