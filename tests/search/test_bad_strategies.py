@@ -145,7 +145,13 @@ def test_a_billion_metres_a_second_are_as_fast_as_is_allowed() -> None:
     assert max(flown) == pytest.approx(1.0)
 
 
-NO_NUMBERS = Found("8", None)  # type: ignore[arg-type]
+NO_NUMBERS = [
+    Found("8", None),  # type: ignore[arg-type]
+    Found(8.0, 3.0, down=(1.0, 2.0)),  # type: ignore[arg-type]
+    Found(8.0, 3.0, now=3.0),  # type: ignore[arg-type]
+    Found(8.0, 3.0, now=(1.0,)),  # type: ignore[arg-type]
+    Found(8.0, 3.0, covariance=(1.0, 0.0, 1.0, 0.0)),  # type: ignore[arg-type]
+]
 
 
 @pytest.mark.parametrize(
@@ -154,9 +160,9 @@ NO_NUMBERS = Found("8", None)  # type: ignore[arg-type]
         (lambda: VICTIM, f"{VICTIM}, expected None or arva_hil.Found(north, east)"),
         (lambda: True, "True, expected None or arva_hil.Found(north, east)"),
         (nothing, "a coroutine (write def, not async def), expected None or arva_hil.Found(north, east)"),
-        (lambda: NO_NUMBERS, f"{shown(NO_NUMBERS)}, expected numbers, m north and east"),
+        *((lambda bad=bad: bad, f"{shown(bad)}, expected numbers, m north and east") for bad in NO_NUMBERS),
     ],
-    ids=["a tuple", "True", "a coroutine", "no numbers"],
+    ids=["a tuple", "True", "a coroutine", "no numbers", "no depth", "a number", "one number", "four numbers"],
 )
 def test_what_is_no_place_ends_the_search_and_it_lands(said: Callable[[], Any], text: str) -> None:
     world = World(ardupilot(), strategy=finding(said))
@@ -179,6 +185,18 @@ def test_what_it_raises_ends_the_search_and_says_where(
     how = fails_and_lands(World(make(), strategy=saying(raising(error))))
     assert how.startswith(f"the strategy has failed: {shown} (test_bad_strategies.py:")
     assert how.endswith(CURE)
+
+
+@pytest.mark.parametrize("track", [lambda: 1, [(1.0, 2.0)], [(1.0, 2.0, 3.0)], (1.0, 2.0), ((1.0, 2.0),)])
+def test_a_track_of_its_own_is_no_transmitter_that_moves(track: Any) -> None:
+    """The name is used by the built-in strategies; one of somebody else may have it for anything."""
+    world = World(ardupilot(), strategy=type("Own", (GoTo,), {"track": track}))
+    assert world.end() == ("found", "found")
+
+
+def test_arrays_are_places_too() -> None:
+    world = World(ardupilot(), strategy=finding(lambda: Found(*VICTIM, None, None, np.array(VICTIM))))  # type: ignore[arg-type]
+    assert world.end()[0] in ("found", "not sure")
 
 
 # -- it takes its time -------------------------------------------------------------------------------------

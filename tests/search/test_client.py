@@ -780,6 +780,22 @@ def test_unplugged_while_it_lands_it_is_left_to_land() -> None:
 
 
 @BOTH
+@pytest.mark.parametrize("silent_s", [1.55, 1.65, 1.75])
+def test_a_vehicle_that_stopped_without_a_pose_does_not_stand_on_the_ground(
+    make: Callable[[], Any], silent_s: float
+) -> None:
+    """It was ordered to hover, and not to sink as before."""
+    world = reaching("flying", make(), take_off=10.0, height=2.0)
+    world.pass_s(3.3)
+    world.between = without(GLOBAL_POSITION, dialect.MAVLINK_MSG_ID_ATTITUDE)
+    world.pass_s(silent_s)
+    world.between = bytes
+    world.pass_s(1.5)
+    assert (world.client._commander.phase.name, world.client.mission.ended) == ("FLYING", None)
+    assert world.ned[2] < -5.0
+
+
+@BOTH
 def test_without_a_pose_it_hovers_and_then_lands(make: Callable[[], Any]) -> None:
     world = hunting(make())
     world.between = without(GLOBAL_POSITION)

@@ -31,6 +31,7 @@ from tests.search.test_client import (
     VICTIM,
     Broken,
     GoTo,
+    Plugged,
     Port,
     World,
     ardupilot,
@@ -369,6 +370,19 @@ def test_a_fence_inside_the_area_is_said_before_it_is_armed(
     found = [text for text in world.said if "fence" in text]
     assert len(found) == bool(said)
     assert all(said in text for text in found)
+
+
+def test_parameters_are_asked_for_again_after_a_loss_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = Plugged(ardupilot(), {"countdown_s": 3.0})
+    world.until(lambda: "arming in 2 s" in world.said)
+    world.plugs[0].pull()
+    world.pass_s(3)
+    for name, value in (ON | {"FENCE_ALT_MAX": 1.0}).items():
+        monkeypatch.setitem(arducopter._VALUES, name, value)
+    world.vehicle.reboot(world.clock.now())
+    world.plugs[0].there = True
+    assert "beyond the vehicle's fence (FENCE_ALT_MAX 1), 2 m needed" in world.fail(60.0)
+    assert world.orders() == []
 
 
 @pytest.mark.parametrize(

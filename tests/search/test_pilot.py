@@ -613,6 +613,18 @@ def test_the_last_seconds_on_the_ground_are_counted_down_and_begin_again_when_so
     assert said[-3:] == [f"arming in {n} s" for n in (3, 2, 1)]
 
 
+def test_who_arms_and_disarms_it_in_the_last_seconds_gets_all_of_them_again() -> None:
+    world = World(ardupilot(), {"countdown_s": 3.0})
+    world.until(lambda: "arming in 2 s" in world.said)
+    for armed in (1, 0):
+        order = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, armed, *[0] * 6)
+        world.others.write(Encoder(255, 190).pack(order))
+        world.pass_s(1.2 * armed)
+    disarmed = world.clock.now()
+    world.reach("arming")
+    assert world.clock.now() - disarmed > 2.9
+
+
 # -- At each failsafe of the built-in vehicle the search obeys: it ends, and orders nothing any more ------
 
 

@@ -822,11 +822,40 @@ def test_a_place_found_where_one_that_is_lost_may_be_is_told_without_flying_ther
 def test_a_pause_of_its_own_program_is_not_the_silence_of_the_others() -> None:
     mate = one()
     mate.on_news(News(2, 0.0, at(9, 0, 3), True, part=2, hunting=7))
-    mate.others.skip(10.0)
+    mate.others.skip(10.0, 10.0)
     mate.report(10.0, HOME, flying=True)
     assert (mate.taken(7, own=False), mate.lost) == (True, {})
     mate.report(15.2, HOME, flying=True)
     assert (mate.taken(7, own=False), list(mate.lost)) == (False, [2])
+
+
+def test_after_a_pause_of_its_own_program_one_that_was_lost_before_is_still_lost() -> None:
+    mate = one(60.0)
+    mate.on_news(News(2, 0.0, at(8, 0, 12), True, part=2, hunting=7))
+    mate.others.skip(62.0, 2.0)
+    mate.report(62.0, HOME, flying=True)
+    assert (mate.taken(7, own=False), list(mate.lost)) == (False, [2])
+    assert mate.apart((0.0, 0.0, -3.0), (1.0, 0.0, 0.0), 1.0)[0] < 0.0
+    mate.on_news(News(0, 62.0, at(20, 0, 3), True, part=0))
+    mate.others.skip(62.5, 2.0)  # the news came in the pause
+    mate.report(68.0, HOME, flying=True)
+    assert sorted(mate.lost) == [0, 2]
+
+
+def test_the_others_know_that_one_lands_though_its_mission_has_not_ended() -> None:
+    plan = SearchPlan(STRATEGIES["flux"], area=(-30.0, -30.0, 30.0, 30.0))
+    scenario = several(parse("spec: 2\ntransmitters: [{id: 1, ned: [-25, 25, 1]}]", "field"), 2)
+    loop = ClosedLoop(scenario, plan, start=0.0, stream_hz=10.0)
+    watching, landing = loop.drones
+    mate = watching.search._flight._team
+    assert mate is not None
+    clock = StepClock()
+    run(loop.tasks, clock, until=60.0, stopped=lambda: landing.search._commander.phase.name == "FLYING")
+    assert not mate.others.newest[1].ended
+    landing.search._commander.land(clock.now(), because(Why.NOT_FOLLOWED))
+    run(loop.tasks, clock, until=clock.now() + 1.0)
+    news = mate.others.newest[1]
+    assert (landing.search._commander.phase.name, news.flying, news.ended) == ("LANDING", True, True)
 
 
 class Killed:

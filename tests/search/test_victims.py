@@ -237,6 +237,17 @@ def test_who_is_led_back_says_so_and_counts_nobody_twice() -> None:
     assert receiver.marks == [1, 1]
 
 
+def test_one_that_was_found_without_an_id_is_marked_once_it_has_one() -> None:
+    receiver = Receiver()
+    rescue = Rescue(3, receiver)
+    rescue.find(beacon(1, 2)._replace(id=None), after=[beacon(1, 9)._replace(id=None)])
+    rescue.find(beacon(7, 2), after=[beacon(7, 9)])
+    assert [(event.transmitter, event.number) for event in rescue.of(VictimAgain)] == [(7, 1)]
+    for metres in range(4, 12):
+        rescue.step(beacon(7, metres / 2))
+    assert (len(rescue.mission.victims.places), set(receiver.marks)) == (1, {7})
+
+
 def test_two_who_were_heard_together_are_two_however_near() -> None:
     rescue = Rescue(2)
     rescue.find(beacon(1, 2), beacon(2, 2), after=[beacon(1, 9), beacon(2, 9)])

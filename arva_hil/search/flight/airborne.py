@@ -60,10 +60,19 @@ class TeamReport:
         self._flying = False  # as in the last report
 
     def report_flown(
-        self, now: float, place: tuple[float, float, float], origin: LocalFrame, mission: Mission | None
+        self,
+        now: float,
+        place: tuple[float, float, float],
+        origin: LocalFrame,
+        mission: Mission | None,
+        *,
+        searching: bool,
     ) -> None:
-        """Report that the search flies the vehicle, which is at `place` (degrees, degrees, metres AMSL)."""
-        self._report(now, place, origin, mission, flying=True, searching=True)
+        """Report that the vehicle is in the air, at `place` (degrees, degrees, metres AMSL).
+
+        `searching`: the search flies it; otherwise it lands, or is given to the pilot.
+        """
+        self._report(now, place, origin, mission, flying=True, searching=searching)
         lost = self._team.lost
         for number in lost.keys() - self._lost:
             self._emit(TeammateLost(now, number + 1, *lost[number]))
@@ -364,7 +373,7 @@ class Flight(MissionRun):
         self._commander.steer(STAY)
         self._detour.restart()
         if self._team:
-            self._team.others.skip(now)
+            self._team.others.skip(now, seconds)
 
     def wait(self, now: float) -> bool:
         """Wait on the ground. Return True if the vehicle must stay there because another one is above it."""
@@ -385,7 +394,8 @@ class Flight(MissionRun):
             return
         self._last_pose_s = now
         if self._report is not None and self.origin is not None:
-            self._report.report_flown(now, lla(self.origin, *pose.position), self.origin, self.mission)
+            place, searching = lla(self.origin, *pose.position), phase in (Phase.CLIMBING, Phase.FLYING)
+            self._report.report_flown(now, place, self.origin, self.mission, searching=searching)
         if phase is Phase.FLYING:
             velocity = self._steer(now, pose, self.mission or self._begin(now, pose.position))
         if log := self._setup.log:
@@ -442,6 +452,7 @@ class Flight(MissionRun):
     def _fly_blind(self, now: float) -> None:
         """Hover without a new pose, then land."""
         self._commander.steer(STAY)
+        self._down = 0.0
         patience_s = self._setup.plan.patience_s
         if now - self._last_pose_s > patience_s:
             lacking = self._setup.session.why_no_pose()

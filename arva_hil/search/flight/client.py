@@ -170,11 +170,12 @@ class SearchClient:
         """Handle a gap without reading: all that is known is stale."""
         self._session.skip(now)
         self._commander.authority.doubt(now)
-        self._preflight.restart()
         self._flight.skip(now, gap_s)
         self._receiver.skip(now)
         if self.launched:
             self._events.append(SearchHeldUp(now, gap_s))
+        else:
+            self._preflight.restart()
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
         """Return the bytes to send: those without and those with orders."""
@@ -223,7 +224,7 @@ class SearchClient:
         verdict = self._preflight.check(now)
         if verdict is True and self._dry_run:
             verdict = self._dry_run.step(now, self._commander.authority.mode) or False
-        if verdict is True and (self._dry_run or self._line.others.is_settled(now)):
+        if verdict is True and self._line.others.is_settled(now):
             self._launch(now)
         elif isinstance(verdict, Refusal):
             self._finish(verdict.kind, verdict.how)

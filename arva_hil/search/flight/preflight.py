@@ -330,10 +330,14 @@ class Preflight:
         return out
 
     def restart(self) -> None:
-        """Wait for a heartbeat after a gap, and begin the count-down again."""
+        """Wait for a heartbeat after a gap or a loss of the link, and check everything again.
+
+        The vehicle may be another one, or have other parameters.
+        """
         self._watch.mode = None
         self._wait.restart()
-        if self._permission:  # the vehicle may be another one
+        self.failsafes = Failsafes()
+        if self._permission:
             self._permission.forget()
 
     def watch_link(self, now: float) -> None:
@@ -358,6 +362,7 @@ class Preflight:
         if session.vehicle.armed and not self._hover:
             self._watch.armed_since = min(self._watch.armed_since, now)
             if now - self._watch.armed_since < QUIET_S:  # another search that flies the vehicle announces itself
+                self._wait.restart()
                 return False
             return Refusal("failed", because(Why.ARMED_ALREADY))
         if self._receiver.silent(now):

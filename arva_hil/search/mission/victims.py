@@ -66,10 +66,10 @@ class ReceiverHost:
         done: list[Asked] = []
         answers, self._answers = self._answers, []
         for answer in answers:
-            if self._sent and self.waiting and (answer.number, answer.name) == self.waiting[0][:2]:
+            if self._sent and (answer.number, answer.name) == self.waiting[0][:2]:
                 done.append((self.waiting.popleft(), answer))
                 self._sent = 0
-        if self._sent and time_s - self._sent_s > _ANSWER_S and self._sent >= _MOST_SENT:
+        if time_s - self._sent_s > _ANSWER_S and self._sent >= _MOST_SENT:
             done.append((self.waiting.popleft(), None))
             self._sent = 0
         if self.waiting and (not self._sent or time_s - self._sent_s > _ANSWER_S):
@@ -238,7 +238,7 @@ class Victims:
             if apart < max(_LEAST_M, _WITHIN * sigma) and not together:
                 self._know(id_, number)
                 self._emit(VictimAgain(time_s, id_of(id_), number + 1, apart))
-                self._marks.begin(number, victim.id, time_s)
+                self._marks.begin(number, id_ if victim.id == NO_ID else victim.id, time_s)
                 return True
         return False
 

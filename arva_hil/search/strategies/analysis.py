@@ -31,6 +31,7 @@ _NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
 _LEAST, _NEWEST = 4, 20  # least and largest number of these readings; the least may be older
 _BESIDE_M: Final = 0.5  # least distance of these readings: nearer the field is not that of a dipole
 _SURE_M: Final = 0.4  # largest ± of a place that is sure, relative to the drone
+_SHAPES: Final = {"now": (2,), "covariance": (3,), "now_covariance": (3,)}  # of a place; other values are numbers
 _MOST_HYPOTHESES: Final = 64  # of an estimate
 _CURE: Final = "fix the error, and fly it in arva-hil demo first"
 _AT_A_TIME: Final = 32  # readings of the past that a new strategy gets in one batch
@@ -147,7 +148,7 @@ class Analysis:
         if isinstance(belief, Belief):
             belief = belief._replace(hypotheses=belief.hypotheses[:_MOST_HYPOTHESES])
             self._answer = self._answer._replace(belief=belief)
-        self._answer = self._answer._replace(track=getattr(strategy, "track", ()))
+        self._answer = self._answer._replace(track=_track(getattr(strategy, "track", ())))
         if found is not None:
             self._unjudged = found, height_m
             if self._at_once:
@@ -263,10 +264,25 @@ def _sound(found: Found) -> Found | None:
     if not math.isfinite(found.north + found.east):
         return None
     values = {name: value for name, value in found._asdict().items() if value is not None and np.isfinite(value).all()}
+    for name, value in values.items():
+        numbers = np.array(value, float)
+        if numbers.shape != _SHAPES.get(name, ()):
+            raise ValueError
+        values[name] = tuple(numbers.tolist()) if numbers.shape else float(numbers)
     for name in ("covariance", "now_covariance"):
         if name in values and min(values[name][0], values[name][2]) < 0:
             del values[name]
     return Found(**values)
+
+
+def _track(said: Any) -> Track:
+    """Return a track of finite numbers; empty if it is none, like another's attribute of that name."""
+    said = said if isinstance(said, tuple) else ()
+    try:
+        numbers = np.array(said, float).reshape(len(said), 3)
+    except (TypeError, ValueError):
+        return ()
+    return tuple((time_s, north, east) for time_s, north, east in numbers.tolist()) if np.isfinite(numbers).all() else ()
 
 
 def _shown(thing: Any) -> str:

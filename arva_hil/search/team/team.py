@@ -192,14 +192,14 @@ class OtherNews:
     def __init__(self) -> None:
         self.newest: dict[int, News] = {}
         self.now = -math.inf
-        self._deaf_until_s = -math.inf
 
-    def skip(self, now: float) -> None:
-        """Handle a delay until now, in which no news could be received: silence until then does not count."""
-        self._deaf_until_s = now
+    def skip(self, now: float, seconds: float) -> None:
+        """Handle a delay of this length until now, in which no news could be received: it does not count as silence."""
+        for number, other in self.newest.items():
+            self.newest[number] = replace(other, time_s=min(other.time_s + seconds, now))
 
     def age_s(self, other: News) -> float:
-        return math.inf if other.lost else self.now - max(other.time_s, self._deaf_until_s)
+        return math.inf if other.lost else self.now - other.time_s
 
     def is_old(self, other: News) -> bool:
         return self.age_s(other) > _OLD_S
