@@ -29,7 +29,7 @@ from arva_hil.search.flight.links import QUIET_S
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found, Observation, Position, Velocity, towards
-from arva_hil.simulated import HOME
+from arva_hil.simulated import HOME, arducopter
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
 from firmware_proto import INNER, MID, Channel, Decoder, Frame, encode
@@ -605,6 +605,27 @@ def test_on_the_ground_both_are_waited_for() -> None:
     assert dialect.MAV_CMD_SET_MESSAGE_INTERVAL in {getattr(m, "command", None) for m in told}
     assert world.said.count(LOST) == sum(text.startswith("plug: back after 6.") for text in world.said) == 6
     assert "waiting for the autopilot's link" in world.said
+
+
+@pytest.mark.parametrize("pulled", [True, False])
+def test_after_an_absence_the_parameters_are_asked_for_again(monkeypatch: pytest.MonkeyPatch, pulled: bool) -> None:
+    world = Plugged(ardupilot())
+    silent(world)
+    world.pass_s(5)
+    assert world.client._preflight.failsafes.done
+    if pulled:
+        world.plugs[0].pull()
+    else:  # only the vehicle is switched off
+        deaf(world)
+    world.pass_s(2)
+    world.vehicle.reboot(world.clock.now())
+    world.pass_s(2)
+    for name, value in {"FENCE_ENABLE": 1, "FENCE_TYPE": 2, "FENCE_RADIUS": 60, "RCMAP_THROTTLE": 1}.items():
+        monkeypatch.setitem(arducopter._VALUES, name, value)
+    world.plugs[0].there, world.between, world.port.says = True, bytes, world.frames
+    world.reach("arming")
+    assert [text for text in world.said if "beyond the vehicle's fence (FENCE_RADIUS 60)" in text]
+    assert world.client._commander.sticks.throttle == 1
 
 
 def test_an_autopilot_whose_link_stays_lost_on_the_ground_is_none() -> None:

@@ -160,7 +160,8 @@ class SearchClient:
             if (packet.msgid, packet.component) == (_MARK, COMPONENT) and vehicle and packet.system == vehicle.system:
                 self._events.append(OwnMarkHeard(now))
         self._line.others.on_packets(received, vehicle, now)
-        self._preflight.on_packets(received)
+        if not self.launched:
+            self._preflight.on_packets(received)
         self._commander.on_packets(received, now, since)
         self._flight.on_packets(received, now)
         senders = self._session.senders

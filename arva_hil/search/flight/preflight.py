@@ -94,12 +94,10 @@ class Permission:
         self._yes = yes
         self._question = question
         self._dry_run = dry_run
-        self._vehicle: tuple[int, ...] = ()
         self._since_s = 0.0  # of CHECKING and of ASKING
 
     def on_packets(self, received: Received) -> None:
         """Use what the session received."""
-        self._compare()
         self._check.on_packets(received)
 
     def poll(self, now: float) -> bytes:
@@ -129,16 +127,6 @@ class Permission:
         elif now - self._since_s > _ANSWER_S:
             return self._ask(now, label, emit)
         return self.consent is Consent.GIVEN
-
-    def _compare(self) -> None:
-        vehicle = self._session.vehicle
-        if vehicle is None:
-            return
-        now = vehicle.system, vehicle.component, vehicle.autopilot, vehicle.kind, self._session.navigation.reboots
-        if now != self._vehicle:
-            if self._vehicle:
-                self.forget()
-            self._vehicle = now
 
     def _ask(self, now: float, label: str, emit: Callable[[Event], None]) -> Refusal | bool:
         if self._yes:
@@ -225,6 +213,15 @@ class ModeWatch:
         self.mode: int | None = None
         self.taken = False
         self.armed_since = math.inf
+        self._vehicle: tuple[int, ...] = ()
+
+    def is_another(self, session: Session) -> bool:
+        """Return True if the vehicle is another one than at the last call, or has rebooted since."""
+        vehicle, before = session.vehicle, self._vehicle
+        if vehicle is not None:
+            reboots = session.navigation.reboots
+            self._vehicle = vehicle.system, vehicle.component, vehicle.autopilot, vehicle.kind, reboots
+        return before not in ((), self._vehicle)
 
     def on_heartbeat(self, message: Any) -> None:
         """Use a heartbeat of the vehicle."""
@@ -313,6 +310,8 @@ class Preflight:
 
     def on_packets(self, received: Received) -> None:
         """Use what the session received."""
+        if self._watch.is_another(self._session):
+            self.restart()
         for msgid, message in received.messages((_HEARTBEAT, _PARAMETER)):
             if msgid == _HEARTBEAT:
                 self._watch.on_heartbeat(message)
@@ -330,7 +329,7 @@ class Preflight:
         return out
 
     def restart(self) -> None:
-        """Wait for a heartbeat after a gap or a loss of the link, and check everything again.
+        """Wait for a heartbeat after a gap, a loss of the link or a reboot, and check everything again.
 
         The vehicle may be another one, or have other parameters.
         """

@@ -148,7 +148,8 @@ class Analysis:
         if isinstance(belief, Belief):
             belief = belief._replace(hypotheses=belief.hypotheses[:_MOST_HYPOTHESES])
             self._answer = self._answer._replace(belief=belief)
-        self._answer = self._answer._replace(track=_track(getattr(strategy, "track", ())))
+        track = getattr(strategy, "track", ())  # another's strategy may have anything there
+        self._answer = self._answer._replace(track=_track(track) if isinstance(track, tuple) and track else ())
         if found is not None:
             self._unjudged = found, height_m
             if self._at_once:
@@ -275,14 +276,15 @@ def _sound(found: Found) -> Found | None:
     return Found(**values)
 
 
-def _track(said: Any) -> Track:
-    """Return a track of finite numbers; empty if it is none, like another's attribute of that name."""
-    said = said if isinstance(said, tuple) else ()
+def _track(said: tuple[Any, ...]) -> Track:
+    """Return a track, empty if it is none."""
     try:
         numbers = np.array(said, float).reshape(len(said), 3)
     except (TypeError, ValueError):
         return ()
-    return tuple((time_s, north, east) for time_s, north, east in numbers.tolist()) if np.isfinite(numbers).all() else ()
+    return (
+        tuple((time_s, north, east) for time_s, north, east in numbers.tolist()) if np.isfinite(numbers).all() else ()
+    )
 
 
 def _shown(thing: Any) -> str:
