@@ -410,7 +410,7 @@ def test_readings_that_are_late_by_a_part_of_a_frame_do_not_move_the_place(monke
 
 
 @pytest.mark.parametrize(
-    ("sigma_m", "tau_s", "most_m"), [(0.0, 600, 0.1), (1.0, 600, 0.3), (2.0, 600, 0.6), (1.0, 20, 1.3), (1.0, 5, 2.2)]
+    ("sigma_m", "tau_s", "most_m"), [(0.0, 600, 0.1), (1.0, 600, 0.3), (2.0, 600, 0.6), (1.0, 20, 1.4), (1.0, 5, 2.2)]
 )
 def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed(
     sigma_m: float, tau_s: float, most_m: float
