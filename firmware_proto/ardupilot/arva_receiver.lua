@@ -602,6 +602,7 @@ end
    open the port at the time now, ms. Returns a table, or nil when the driver is off or has no port:
    update(now): to be called every 10 ms; hands each good frame to on_frame too, if that is given
    healthy: whether a good frame came in the last 3 s
+   status: of the last good frame, 0 before the first
    command(code, values): send a command; false while one waits for its answer. The answer comes as a text
 --]]
 local function start(now, on_frame)
@@ -618,7 +619,7 @@ local function start(now, on_frame)
    port:begin(math.floor(ARVA_BAUD:get()))
    say(MAV_SEVERITY.INFO, "driver started on scripting port %d", number)
 
-   local self = {healthy = false}
+   local self = {healthy = false, status = 0}
    local decoder
    local heard = false          -- true after the first good frame
    local waiting = true         -- for a good frame or the end of the health time-out
@@ -648,7 +649,7 @@ local function start(now, on_frame)
       elseif not self.healthy then
          say(MAV_SEVERITY.INFO, "receiver is back after %d s", (frame.time - frame_ms) // 1000)
       end
-      heard, waiting, self.healthy = true, true, true
+      heard, waiting, self.healthy, self.status = true, true, true, frame.status
       frame_ms, dropped = frame.time, decoder.dropped
       if on_frame then
          on_frame(frame)

@@ -27,6 +27,7 @@ local DEAF_MS = 60000         -- end after this time without a signal
 local NO_POSITION_MS = 2000
 local REPEATS_MS = 3000      -- end after this time without a new sequence number
 local SAME_M = 4             -- end after this distance with the same reading
+local UNFIT = 8 | 32         -- bits of the status: self-test fault, not searching
 local NO_RANGE_MS = 2000     -- end after this time without the rangefinder, if it has measured
 local SURE = 0.3              -- share of the least d: the error of 95 of 100 places found is smaller
 local NEARER = 0.7            -- share of the distance at which another transmitter is chosen instead
@@ -500,6 +501,7 @@ local sample = nil                             -- reading of the target for the 
 local begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = 0, 0, 0, 0, 0
 local position_ms, frame_ms = 0, 0
 local sequence = nil                           -- of the last frame
+local place = nil                              -- of the transmitter, when it is found
 local same                                     -- the target's last reading and its first place; over: too far away
 local measured_ms = nil                        -- last measurement of the rangefinder in this search
 local assumed_height, assumed_wanted           -- without it: a function, nil outside of the database; height to hold, m
@@ -515,7 +517,11 @@ local function tell(severity, ...)
    end
 end
 
+-- only in GUIDED: other modes are the pilot's, and some of them would obey
 local function steer(v_n, v_e, v_d)
+   if vehicle:get_mode() ~= MODE_GUIDED then
+      return
+   end
    local velocity = Vector3f()
    velocity:x(v_n)
    velocity:y(v_e)
@@ -552,7 +558,7 @@ local function on_frame(frame)
          mine = k
       end
    end
-   if nearest and nearest ~= mine and (not target or frame.d[nearest] * 0.01 < NEARER * target_d) then
+   if nearest and nearest ~= mine and not place and (not target or frame.d[nearest] * 0.01 < NEARER * target_d) then
       target, mine = frame.id[nearest], nearest
       flux, plane = Flux(ARVS_SPEED:get()), Plane()
       say(MAV_SEVERITY.INFO, "going for transmitter %s, %.1f m away", name(target), frame.d[mine] * 0.01)
@@ -592,7 +598,8 @@ end
 local function begin()
    local n, e = position()
    local rest = throttle:norm_input_ignore_trim()
-   local why_not = objection(rest) or (not receiver.healthy and "no receiver") or (not n and "no position")
+   local why_not = objection(rest) or (not receiver.healthy and "no receiver")
+      or (receiver.status & UNFIT ~= 0 and "receiver cannot search") or (not n and "no position")
    if why_not then
       tell(MAV_SEVERITY.WARNING, "cannot search: %s", why_not)
       return
@@ -600,7 +607,7 @@ local function begin()
    begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = n, e, now, math.deg(angle("yaw")), rest
    state, flux, target, sample, heard_ms, position_ms, told = SEARCHING, nil, nil, nil, now, now, ""
    say(MAV_SEVERITY.INFO, "search begins")
-   frame_ms, same = now, nil
+   frame_ms, same, place = now, nil, nil
    measured_ms = measured_height() and now or nil
    assumed_height = height_above_terrain() and height_above_terrain or height_above_home
    assumed_wanted = assumed_height()
@@ -609,19 +616,15 @@ local function begin()
    end
 end
 
+-- the vehicle still has to fly there
 local function on_found(n, e)
-   local place = ahrs:get_origin()
-   if place then
-      place:offset(n, e)
-      say(MAV_SEVERITY.NOTICE, "found %s at %s %s +-%dm", name(target), degrees(place:lat()), degrees(place:lng()),
+   place = {n = n, e = e}
+   local there = ahrs:get_origin()
+   if there then
+      there:offset(n, e)
+      say(MAV_SEVERITY.NOTICE, "found %s at %s %s +-%dm", name(target), degrees(there:lat()), degrees(there:lng()),
           math.ceil(SURE * plane.least))
    end
-   finish(false)
-   local hover = Vector3f()
-   hover:x(n)
-   hover:y(e)
-   hover:z(ahrs:get_relative_position_NED_origin():z())
-   vehicle:set_target_pos_NED(hover, true, begin_yaw, false, 0, false, false)
 end
 
 -- the reason to end the search, or nil
@@ -631,6 +634,9 @@ local function limit(n, e)
    end
    if now - frame_ms > REPEATS_MS then
       return "receiver repeats itself"
+   end
+   if receiver.status & UNFIT ~= 0 then
+      return "receiver cannot search"
    end
    if same and same.over then
       return "the reading does not change"
@@ -658,7 +664,8 @@ end
    and home let the vehicle climb, and sink no lower than where the search began
 --]]
 local function heights()
-   local above, wanted = measured_height(), ARVS_ALT:get()
+   local LEAST_ALT = 0.5 -- of the parameter, whose range the autopilot does not enforce
+   local above, wanted = measured_height(), math.max(LEAST_ALT, ARVS_ALT:get())
    if above then
       measured_ms = now
    elseif not measured_ms then
@@ -668,7 +675,8 @@ local function heights()
 end
 
 local function fly()
-   local n, e = position()
+   local THERE_M = 0.3 -- from the place found: hover
+   local n, e, down = position()
    position_ms = n and now or position_ms
    local why = limit(n, e)
    if why then
@@ -676,6 +684,7 @@ local function fly()
       return
    end
    if not n then
+      steer(0, 0, 0)
       return
    end
    local above, wanted = heights()
@@ -685,12 +694,28 @@ local function fly()
    end
    local v_n, v_e = 0, 0
    if flux and now - frame_ms <= SILENT_MS then
-      v_n, v_e = flux.velocity(n, e)
-      local found_n, found_e = flux.found()
-      if found_n then
-         local to_n, to_e = plane.to_transmitter()
-         on_found(found_n + to_n, found_e + to_e)
-         return
+      if not place then
+         v_n, v_e = flux.velocity(n, e)
+         local found_n, found_e = flux.found()
+         if found_n then
+            local to_n, to_e = plane.to_transmitter()
+            on_found(found_n + to_n, found_e + to_e)
+         end
+      end
+      if place then -- the ground may rise on the way there, so the height is held as before
+         v_n, v_e = place.n - n, place.e - e
+         local left = math.sqrt(v_n^2 + v_e^2)
+         if left <= THERE_M then
+            finish(false)
+            local hover = Vector3f()
+            hover:x(place.n)
+            hover:y(place.e)
+            hover:z(down)
+            vehicle:set_target_pos_NED(hover, true, begin_yaw, false, 0, false, false)
+            return
+         end
+         local share = math.min(1, ARVS_SPEED:get() / left)
+         v_n, v_e = share * v_n, share * v_e
       end
    end
    -- if the ground rises faster than the vehicle climbs, it slows down, and stops at three quarters of the height

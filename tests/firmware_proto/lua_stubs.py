@@ -399,8 +399,7 @@ class Autopilot:
         assert all(map(math.isfinite, (n, e, d)))
         assert (use_yaw, use_rate, rate, relative) == (True, False, 0, False)
         assert yaw == pytest.approx(math.degrees(self.yaw))
-        if self.mode != GUIDED:
-            return False
+        assert self.mode == GUIDED, "an order in the pilot's mode"
         self.velocity, self.velocity_ms, self.place = (n, e, d), self.time_ms, None
         return True
 

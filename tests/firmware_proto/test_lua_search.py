@@ -19,7 +19,7 @@ from arva_hil.model.receiver import Antennas, Look, Pose
 from arva_hil.model.receiver.maps import readings
 from arva_hil.search.strategies.flux import Flux
 from arva_hil.search.strategies.strategy import Observation
-from firmware_proto import INNER, SYNTHETIC, Channel, Decoder, Frame, encode
+from firmware_proto import INNER, NOT_SEARCHING, SELF_TEST_FAULT, SYNTHETIC, Channel, Decoder, Frame, encode
 from tests.firmware_proto.lua_stubs import FOLDER, GUIDED, LOITER, Autopilot
 
 NAME = "arva_search"
@@ -43,6 +43,7 @@ class Flight:
         self.lowest = math.inf  # above it
         self.channels = None  # instead of what the receiver hears; its directions tremble
         self.stuck = None  # the channels of a receiver that says the same for ever
+        self.status = SYNTHETIC
         self.repeats = False  # the same frame again and again, its number too
         self._velocity = np.zeros(3)
         self._frames = 0
@@ -88,11 +89,12 @@ class Flight:
 
     def _frame(self, attitude):
         if self.stuck is not None:
-            return Frame(self._frames % 256, 1, tuple(self.stuck))
+            return Frame(self._frames % 256, self.status, tuple(self.stuck))
         if self.channels is not None:
             trembling = (c._replace(delta=c.delta + self._frames % 2) for c in self.channels)
-            return Frame(self._frames % 256, 1, tuple(trembling))
-        return frame_of(self.reading(self.autopilot.position, attitude), self._frames % 256)
+            return Frame(self._frames % 256, self.status, tuple(trembling))
+        made = frame_of(self.reading(self.autopilot.position, attitude), self._frames % 256)
+        return made._replace(status=made.status | self.status)
 
     def reading(self, position, attitude):
         pose = Pose(*Mount().pose(np.array(position), attitude))
@@ -442,19 +444,24 @@ def test_with_a_rangefinder_no_slope_comes_nearer_than_a_third_of_the_height(gra
     assert "search ends" not in " ".join(flight.said())
 
 
-@pytest.mark.parametrize(("grade", "bearing"), [(0.36, 0.0), (0.58, 2.0)])  # 20° and 30°
-def test_on_a_slope_it_finds_the_transmitter_and_holds_most_of_the_height(grade, bearing):
+@pytest.mark.parametrize(
+    ("grade", "bearing", "depth"), [(0.36, 0.0, 1.5), (0.58, 2.0, 1.5), (0.36, 0.0, 3.0), (1.0, 2.0, 1.5)]
+)  # 20°, 30°, 20° and 45°
+def test_on_a_slope_it_finds_the_transmitter_and_holds_most_of_the_height(grade, bearing, depth):
     """d is least where the transmitter is at a right angle to the slope, and not where it is below."""
     flight = Flight(4, hertz=1, ARVS_ENABLE=1)
     north, east, down = flight.transmitter
     rise_n, rise_e = grade * math.cos(bearing), grade * math.sin(bearing)
-    flight.ground = lambda n, e: down - 1.5 - rise_n * (n - north) - rise_e * (e - east)
+    flight.ground = lambda n, e: down - depth - rise_n * (n - north) - rise_e * (e - east)
     flight.autopilot.range = 2.0
     flight.autopilot.position[2] = flight.ground(0, 0) - 2.0
     assert flight.fly(300, until=lambda autopilot: autopilot.place)
     assert math.dist(flight.autopilot.place[:2], flight.transmitter[:2]) < 1
     assert flight.said()[-1][-5:] in (" +-1m", " +-2m")
-    assert flight.lowest > 1.6
+    assert (
+        flight.ground(*flight.autopilot.place[:2]) - flight.autopilot.place[2] > 1.5
+    )  # an order without the rangefinder
+    assert flight.lowest > 1.5
 
 
 def test_the_beam_of_a_vehicle_that_leans_is_longer_than_the_height(flight):
@@ -476,6 +483,39 @@ def test_a_search_ends_when_the_rangefinder_it_began_with_measures_no_more(fligh
     flight.ground = flight.autopilot.range = None
     assert flight.after(3).said()[-1] == "rangefinder lost: search ends"
     assert flight.autopilot.mode == LOITER
+
+
+def test_without_a_position_it_stops_at_once(flight):
+    """The last velocity may lead down, and to the ground within the 2 s after which the search ends."""
+    flight.ground = lambda north, east: 0.0
+    flight.autopilot.position[2] = -4.0
+    assert flight.after(0.5).autopilot.velocity[2] > 0.9
+    flight.autopilot.has_position = False
+    assert flight.after(0.2).autopilot.velocity == (0, 0, 0)
+    flight.autopilot.has_position = True
+    assert flight.after(1).moved
+
+
+@pytest.mark.parametrize("height", [0, -3])
+def test_a_height_below_its_range_does_not_lead_to_the_ground(height):
+    flight = Flight(3, ARVS_ENABLE=1, ARVS_ALT=height)
+    flight.ground = lambda north, east: 0.0
+    flight.autopilot.range = 2.0
+    assert flight.after(20).moved
+    assert flight.lowest > 0.4
+
+
+@pytest.mark.parametrize("bit", [SELF_TEST_FAULT, NOT_SEARCHING])
+def test_a_receiver_that_cannot_search_leads_nowhere(flight, bit):
+    flight.status |= bit
+    assert flight.after(2).said()[-1] == "receiver cannot search: search ends"
+    assert flight.autopilot.mode == LOITER
+    flight.autopilot.mode = GUIDED
+    flight.autopilot.params["ARVS_ENABLE"] = 1.0
+    assert not flight.after(3).steered
+    assert flight.said() == ["cannot search: receiver cannot search"]
+    flight.status = SYNTHETIC
+    assert flight.after(2).moved
 
 
 def test_a_receiver_that_repeats_one_frame_is_not_believed(flight):

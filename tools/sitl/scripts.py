@@ -51,6 +51,7 @@ SCRIPTS: Final = Path(__file__).parents[2] / "firmware_proto" / "ardupilot"
 WITHIN_M: Final = 15.0
 START_M: Final = 3.0
 PATIENCE_S: Final = 600.0
+ARRIVES_S: Final = 20.0  # after the place is found, the vehicle flies there
 GUIDED: Final = 4
 ENDS: Final = ("found ", "search ends", "cannot search")
 SECONDS: Final = 150.0
@@ -102,13 +103,15 @@ def search(binary: Path, folder: Path, seed: int, slope: float, rangefinder: boo
         relay.set("ARVS_ENABLE", 1.0)
         with contextlib.suppress(TimeoutError):
             wait(text, PATIENCE_S)
+        took_s = time.monotonic() - begun
+        time.sleep(ARRIVES_S if "found " in text() else 0.0)
         ended = time.monotonic()
         lowest = min(simulator.heights([place for place in relay.places if begun <= place.time_s <= ended]))
         how, error = text() or "no end", math.nan
         if found := re.search(r"found \d+ at (\S+) (\S+)", how):
             lat, lon = map(float, found.groups())
             error = off(lat, lon, {one.id: one.ned or () for one in scenario.transmitters})
-    print(f"{seed:4}  error {error:5.2f} m  lowest {lowest:5.2f} m  {ended - begun:4.0f} s  {how}", flush=True)
+    print(f"{seed:4}  error {error:5.2f} m  lowest {lowest:5.2f} m  {took_s:4.0f} s  {how}", flush=True)
     return error < math.inf
 
 
