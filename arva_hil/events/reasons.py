@@ -36,6 +36,7 @@ Why = Enum(
         "MODE_SET_BY_PROGRAM",
         "ARMED_ALREADY",
         "RECEIVER_AWAY",  # text: of the link
+        "RECEIVER_UNFIT",  # `failed`: its self-test; otherwise it does not search
         "RECEIVER_SILENT",  # link, age_s, repeated: a sequence number, first_bytes
         "NO_POSE",  # lacking: a NoPose
         "CANNOT_TAKE_OVER",  # because

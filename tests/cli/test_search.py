@@ -277,8 +277,8 @@ def test_the_receiver_is_unplugged(start: Start, autopilot: Autopilot, tmp_path:
     for line in (
         f"warning: {path}: lost: closed by the far end, searching for it",
         "warning: no frame for 2 s: hovering",
-        "no frame from the receiver for 3 s; landing",
-        "error: no frame from the receiver for 3 s; nothing found",
+        "no good frame from the receiver for 3 s; landing",
+        "error: no good frame from the receiver for 3 s; nothing found",
     ):
         assert f"\n{line}" in program.err
     assert orders(autopilot)[-1] == dialect.MAV_CMD_NAV_LAND

@@ -301,7 +301,7 @@ def test_a_receiver_that_is_silent_is_not_taken_for_a_slow_strategy() -> None:
     world = late(ardupilot, 0.05)
     world.hunt()
     world.port.says = lambda _: None
-    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    assert world.end() == ("failed", "no good frame from the receiver for 10 s")
     assert not [event for event in world.events if isinstance(event, StrategySlow)]
 
 

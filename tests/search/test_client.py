@@ -32,7 +32,7 @@ from arva_hil.search.strategies.strategy import Found, Observation, Position, Ve
 from arva_hil.simulated import HOME, arducopter
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
-from firmware_proto import INNER, MID, Channel, Decoder, Frame, encode
+from firmware_proto import INNER, MID, NOT_SEARCHING, SELF_TEST_FAULT, Channel, Decoder, Frame, encode
 from tests.simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 
 VICTIM = (8.0, 3.0)  # north, east of home
@@ -548,7 +548,7 @@ def test_frames_that_stop_for_long_make_it_land(make: Callable[[], Any], gone: b
     if gone:
         world._tasks.remove(world.port)
         world.port.links[0].close()
-    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    assert world.end() == ("failed", "no good frame from the receiver for 10 s")
     landing = min(row.time_s for row in world.rows if row.phase == "landing")
     assert 9.5 < landing - stopped < 11
     assert world.on_the_ground
@@ -558,10 +558,34 @@ def test_frames_that_stop_for_long_make_it_land(make: Callable[[], Any], gone: b
     assert two.nearest_m == 20.0
 
 
+UNFIT = {
+    SELF_TEST_FAULT: "the receiver's self-test has failed: restart it away from transmitters and electronics",
+    NOT_SEARCHING: "the receiver does not search: restart it away from transmitters and electronics",
+}
+
+
+@pytest.mark.parametrize("status", UNFIT)
+def test_a_receiver_that_says_that_it_cannot_search_is_not_flown(status: int) -> None:
+    world = World(ardupilot(), timeout_s=20.0)
+    world.port.says = lambda now: encode(Frame(round(now) % 256, status, (Channel(7, MID, 500, 0),)))
+    assert world.end() == ("no link", UNFIT[status])
+    assert world.orders() == []
+
+
+@pytest.mark.parametrize("status", UNFIT)
+def test_one_that_says_so_in_flight_makes_it_hover_then_land(status: int) -> None:
+    world = hunting(ardupilot())
+    world.port.says = lambda now: encode(Frame(round(now) % 256, status, (Channel(7, MID, 500, 0),)))
+    world.pass_s(4.0)
+    world.stand_still(4.0)
+    assert world.end() == ("failed", "no good frame from the receiver for 10 s")
+    assert world.on_the_ground
+
+
 def test_frames_that_stop_in_the_take_off_make_it_land_too() -> None:
     world = reaching("climbing", ardupilot(), take_off=5.0)
     silent(world)
-    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    assert world.end() == ("failed", "no good frame from the receiver for 10 s")
     assert math.hypot(*world.ned[:2]) < 2.5
     assert not world.armed
 

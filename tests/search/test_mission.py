@@ -465,7 +465,7 @@ def test_without_frames_for_long_it_ends(strategy: type[Scripted], patience: flo
     m.fly(100.0 + patience, AT)
     assert not m.ended
     m.fly(100.1 + patience, AT)
-    assert (in_words(m.ended), m.broken) == (f"no frame from the receiver for {patience:g} s", True)
+    assert (in_words(m.ended), m.broken) == (f"no good frame from the receiver for {patience:g} s", True)
 
 
 # -- other ends --------------------------------------------------------------------------------------------
@@ -724,7 +724,7 @@ def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(m: Told) -> None:
         heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))
     for k in range(20):
         m.fly(107.0 + k, AT)
-    assert in_words(m.ended) == "no frame from the receiver for 10 s"
+    assert in_words(m.ended) == "no good frame from the receiver for 10 s"
 
 
 # -- The strips: their geometry, and that they are flown to their end -------------------------------------

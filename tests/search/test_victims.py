@@ -331,7 +331,7 @@ def test_a_receiver_that_falls_silent_ends_it_with_the_list_all_the_same() -> No
         rescue.now += 1.0
         rescue.mission.fly(rescue.now, AT)
     kind, how = conclusion(rescue.mission)
-    assert (kind, in_words(how)) == ("failed", "no frame from the receiver for 10 s")
+    assert (kind, in_words(how)) == ("failed", "no good frame from the receiver for 10 s")
     assert len(rescue.mission.victims.places) == 1
 
 
@@ -428,7 +428,7 @@ def test_a_receiver_that_falls_silent_between_two_makes_it_land() -> None:
     between(world)
     world.port.says = lambda now: None
     stopped = world.clock.now()
-    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    assert world.end() == ("failed", "no good frame from the receiver for 10 s")
     landing = min(row.time_s for row in world.rows if row.phase == "landing")
     assert 9.5 < landing - stopped < 11
     assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)

@@ -234,7 +234,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.TOO_LOW: "it does not climb above {metres:.1f} m",
     Why.TOO_FAR: "it is more than {metres:g} m outside the area",
     Why.STRATEGY_FAILED: "{text}",
-    Why.NO_FRAME: "no frame from the receiver for {seconds:g} s",
+    Why.NO_FRAME: "no good frame from the receiver for {seconds:g} s",
     Why.SAME_READING: "the receiver repeats the same reading: it is stuck",
     Why.INTERRUPTED: "interrupted",
     Why.NO_END: "it did not end",
@@ -244,6 +244,8 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     "end that program, and start the search again",
     Why.ARMED_ALREADY: "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover",
     Why.RECEIVER_AWAY: "no frame from the receiver: {text}",
+    Why.RECEIVER_UNFIT: "{failed:the receiver's self-test has failed|the receiver does not search}: "
+    "restart it away from transmitters and electronics",
     Why.RECEIVER_SILENT: _receiver_silent,
     Why.NO_POSE: lambda lacking: f"no pose: {no_pose(lacking)}",
     Why.CANNOT_TAKE_OVER: lambda because: f"the vehicle is not taken over: {in_words(because)}",

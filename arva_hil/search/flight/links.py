@@ -27,7 +27,7 @@ from arva_hil.search.mission.choice import SILENT_S
 from arva_hil.search.mission.victims import ReceiverHost
 from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_tunnel import TeamTunnel, payload_of
-from firmware_proto import Frame, FrameDecoder, HostForm
+from firmware_proto import NOT_SEARCHING, SELF_TEST_FAULT, Frame, FrameDecoder, HostForm
 
 _GAP_S: Final = 1.0  # after this time without reading, another person may have controlled the vehicle
 _AT_ONCE: Final = 1 << 18  # the most bytes to read at a time
@@ -129,6 +129,7 @@ class NewFrames:
         return True
 
 
+_UNFIT: Final = SELF_TEST_FAULT | NOT_SEARCHING  # of the status: do not search with this receiver
 _MOST_READS: Final = 64
 _SHOWN: Final = 16  # report so many bytes, if there is no frame in them
 
@@ -151,6 +152,7 @@ class ReceiverLink:
         self._decoder = decoder
         self._last_s = -math.inf
         self._first_bytes = b""
+        self._unfit = 0  # bits of the newest status
         self._fresh = NewFrames()
         self.host = ReceiverHost(form, self._write) if form else None
 
@@ -159,14 +161,17 @@ class ReceiverLink:
         return self._link.name
 
     def read(self, now: float) -> list[Frame]:
-        """Return the new frames until `now` [s]. A repeated frame is not new."""
+        """Return the good new frames until `now` [s]. A repeated frame is not new."""
         if chunk := self._read(now) if self.links else b"":
             self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
         every = self._decoder.feed(chunk, now)
         if not every or self._monitor.away:
             for event in self._monitor.poll(now):
                 self._emit(event)
-        if frames := [frame for frame in every if self._fresh.new(frame)]:
+        fresh = [frame for frame in every if self._fresh.new(frame)]
+        if fresh:
+            self._unfit = fresh[-1].status & _UNFIT
+        if frames := [frame for frame in fresh if not frame.status & _UNFIT]:
             self.last, self._last_s = frames[-1], now
         return frames
 
@@ -184,6 +189,8 @@ class ReceiverLink:
         """Return the data received instead of frames."""
         if self._link.away:
             return because(Why.RECEIVER_AWAY, text=self._link.why)
+        if self._unfit:
+            return because(Why.RECEIVER_UNFIT, failed=bool(self._unfit & SELF_TEST_FAULT))
         return because(
             Why.RECEIVER_SILENT,
             link=self._link.name,
