@@ -281,8 +281,6 @@ class Run:
         self._end = how, code not in (OK, INTERRUPTED)
         said = [Notice("error", how)] if failure and code != NO_READER else []
         if self._record:
-            if code == OK and self._record.recorder.error:
-                code, how = FAILED, self._record.recorder.error
             try:
                 self._record.close({"ended": how, "exit_code": code}, emulator, counts)
             except RecordError as error:

@@ -53,7 +53,7 @@ class Datum:
         self._start = start
         self.fixed = fixed != "home"
         self._flown: Place | None = None
-        self._armed_at: float | None = None
+        self._armed: tuple[float, int] | None = None  # when, and the number of reboots until then
         self._has_landed = False  # and has not rebooted since
         self._reboots = 0
         self._provisional = False  # it is a position, not a home
@@ -82,14 +82,14 @@ class Datum:
             self._has_landed = False
             self._first_position_at = None
         armed = session.vehicle is not None and session.vehicle.armed
-        if armed and self._armed_at is None:
-            self._armed_at = now
+        if armed and self._armed is None:
+            self._armed = now, self._reboots
             self._flown = self.lla
-        elif not armed and self._armed_at is not None:
-            self._armed_at = None
-            self._has_landed = True
+        elif not armed and self._armed is not None:
+            self._has_landed = self._reboots == self._armed[1]  # otherwise a reboot has disarmed it
+            self._armed = None
         # autopilots set their home when they arm, and may send it a little later
-        arming = self._armed_at is not None and now - self._armed_at <= _ARMING_S
+        arming = self._armed is not None and now - self._armed[0] <= _ARMING_S
         if armed and self.lla and not (self._has_landed and arming):
             return False
         changed = self._take_home(home, now) if (home := session.navigation.home) else self._take_position(session, now)
@@ -112,7 +112,7 @@ class Datum:
             self._provisional = False
             return False
         near = self.frame is not None and math.hypot(*self.frame.ned_of(*home)) <= _SAME_PLACE_M
-        if near and self._has_landed and self._armed_at is None:  # it is used when the vehicle arms
+        if near and self._has_landed and self._armed is None:  # it is used when the vehicle arms
             return False
         why = Why.HOME_CAME if self._provisional else Why.HOME_MOVED
         self._provisional = False

@@ -124,9 +124,10 @@ class SimulatorTruth:
         """Use what the session received at `now`."""
         session = self._session
         vehicle, reboots = session.vehicle, session.navigation.reboots
-        if self._asked is None and vehicle is not None and vehicle.autopilot in _ASKED:
-            self._asked = _ASKED[vehicle.autopilot]
-            session.streams.want({self._asked: session.streams.rate_hz})
+        wanted = _ASKED.get(vehicle.autopilot) if vehicle else None
+        if wanted is not None and wanted != self._asked:  # also if another autopilot has replaced the first one
+            self._asked = wanted
+            session.streams.want({wanted: session.streams.rate_hz})
         if reboots != self._reboots:
             self._reboots, self._newest, self.track = reboots, -math.inf, PoseTrack()
         for msgid, message in received.messages(_READERS):

@@ -491,6 +491,20 @@ def test_when_the_vehicle_is_lost_another_autopilot_may_take_its_place(session: 
     assert (session.vehicle.autopilot, session.lost) == (12, False)
 
 
+@pytest.mark.parametrize("boot", [5.0, 25.0, 1e5])
+def test_nothing_of_the_lost_vehicle_is_used_for_another_one(session: KeepingSession, boot: float) -> None:
+    """Its home neither, whatever the clock of the other one says: that is asked for."""
+    session.poll(106.0)
+    tell(session, heartbeat(autopilot=12), 107.0)
+    assert session.navigation.home is None
+    assert session.navigation.state_at(107.0, FRAME) is None
+    asked = [p for p in packets(session.poll(107.0)[0]) if p.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG]
+    assert dialect.MAVLINK_MSG_ID_HOME_POSITION in [decode(p).param1 for p in asked]
+    tell(session, position(boot, 47.0), 107.1)
+    tell(session, attitude(boot), 107.1)
+    assert session.navigation.state_at(107.1, FRAME).position[0] > 55_000
+
+
 # -- what is said to the vehicle ---------------------------------------------------------------------------
 
 

@@ -208,6 +208,14 @@ WAIT = HOME_WAIT_S
                 *(home(C, 61.5, False), went(reboots=1), at(A), beat(62.0, True), at(C)),
             ],
         ),
+        (  # its streams came before its heartbeat, which says that it is not armed any more
+            "a reboot of an armed vehicle is no landing: home is followed by the metre again",
+            [
+                *(home(A, 0.1), arm(1.0), position(A, 60.0), position(A, 61.0, boot=1.0), position(A, 61.1, boot=1.1)),
+                *(went(reboots=1), home(LANDED, 61.5, False), at(A), beat(62.0, True), at(LANDED)),
+                *(arm(70.0), beat(80.0), home(A, 81.0, False), at(LANDED)),
+            ],
+        ),
         (
             "without home a reboot elsewhere begins anew after the wait for home",
             [

@@ -173,6 +173,16 @@ def test_after_a_reboot_the_truth_is_told_anew() -> None:
     assert last.age_s < 0.1
 
 
+def test_the_truth_of_another_autopilot_is_asked_for_in_its_own_message() -> None:
+    """The first simulator was ended, and the other one was started."""
+    session = Session()
+    truth = SimulatorTruth(session)
+    told(session, truth, heartbeat(dialect.MAV_AUTOPILOT_ARDUPILOTMEGA), attitude(1000), at=1.0)
+    session.poll(7.0)
+    told(session, truth, heartbeat(dialect.MAV_AUTOPILOT_PX4), attitude(1000), at=7.0)
+    assert dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION in session.streams.extra_ids
+
+
 def test_in_flight_the_truth_is_that_of_the_frame_s_instant() -> None:
     bench = Bench(TRUTH, 5.0)
     bench.fly(6.0)

@@ -95,7 +95,7 @@ def test_a_disk_that_hangs_holds_a_patient_record_only_until_it_is_broken_off_an
     recorder.observe(PacketsReceived(1.0, "autopilot", packets(1)))
     with pytest.raises(RecordError, match="the disk is too slow, the record has"):
         recorder.close({"ended": "finished"})
-    assert json.loads((tmp_path / "run.json").read_bytes())["ended"] == "finished"
+    assert "the disk is too slow" in json.loads((tmp_path / "run.json").read_bytes())["ended"]
     gate.set()
 
 
@@ -164,6 +164,17 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_run_json_of_the_start_and_it_
         "seed": 7,
     }
     assert sorted(os.listdir(tmp_path)) == NAMES
+
+
+@pytest.mark.parametrize(("end", "code"), [("finished", 0), ("SIGTERM", 130)])
+def test_a_disk_that_does_not_take_the_last_data_is_told_in_run_json_too(tmp_path: Path, end: str, code: int) -> None:
+    recorder, why = Recorder(tmp_path, 0), f"{tmp_path}: cannot record: File too large"
+    recorder.observe(PacketsReceived(0.0, "autopilot", packets(100)))
+    with no_file_beyond(1000), pytest.raises(RecordError, match=why):
+        recorder.close({"ended": end, "exit_code": code})
+    ended, exit_code = (end, code) if code else (why, 1)
+    assert json.loads((tmp_path / "run.json").read_bytes()) == {"record": 1, "ended": ended, "exit_code": exit_code}
+    assert in_tlog(tmp_path) == 0
 
 
 def test_where_run_json_cannot_be_written_there_is_no_record_and_the_folder_can_be_tried_again(

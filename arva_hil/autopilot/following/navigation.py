@@ -367,6 +367,11 @@ class Navigation:
         """Return True if no later message can change the pose at host time `now`."""
         return self.track.is_known(self.clock.boot(now))
 
+    def restart(self) -> None:
+        """Handle another vehicle in place of the last one, as after a reboot."""
+        self.times.forget()
+        self._on_reboot()
+
     def renew(self) -> None:
         """Handle a new link: no late packets of the old link can come."""
         self._reorder_s = 0.0

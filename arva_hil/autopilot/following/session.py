@@ -315,6 +315,8 @@ class Session:
             self._emit(vehicles.OtherAutopilotIgnored, now, packet.system, packet.component, same)
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
+        if self.vehicle is not None:
+            self.navigation.restart()
         self.vehicle = vehicle
         self._heartbeats.lost = False
         self.encoder.system = vehicle.system

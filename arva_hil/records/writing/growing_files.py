@@ -59,6 +59,7 @@ class GrowingFiles:
         self._clock = clock or RealClock()
         self._next_flush = self._next_sync = self._clock.now()
         self._wait_until = math.inf
+        self._unfinished = False  # the thread still writes, after the end
         self._files: dict[str, FileIO] = {}
         self._pending: dict[str, bytearray] = {name: bytearray() for name in names}
         try:
@@ -88,20 +89,27 @@ class GrowingFiles:
             return _why(self.folder, self._background.error)
         if self._background.refused:
             return f"{self.folder}: the disk is too slow, the record has {self._background.refused} gaps"
-        return ""
+        return f"{self.folder}: the disk does not take the record in time" if self._unfinished else ""
 
     def close(self, last: Mapping[str, Any]) -> None:
         """Close all files and write the last one, also after errors. Raises RecordError if there was one."""
+        self._settle()
+        self._write_last(last)
+
+    def _settle(self) -> None:
+        """Write the last data and close the growing files, also after errors. `error` does not change after it."""
         self.broken_off = lambda: True
         self._flush()
-        finished = self._background.close(*(partial(_close, file) for file in self._files.values()))
+        self._unfinished = not self._background.close(*(partial(_close, file) for file in self._files.values()))
+
+    def _write_last(self, last: Mapping[str, Any]) -> None:
         ending = WorkerThread("end of record")  # the first one may hang
         said = ending.close(lambda: files.replace(self.folder / self._last, _json(last)))
         if ending.error is not None:
             raise RecordError(_why(self.folder / self._last, ending.error))
         if self.error:
             raise RecordError(self.error)
-        if not (finished and said):
+        if not said:
             raise RecordError(f"{self.folder}: the disk does not take the record in time")
 
     def _flush_now_and_then(self, *, full: bool = False) -> None:

@@ -93,8 +93,15 @@ class Recorder(GrowingFiles):
             self._flush()
 
     def close(self, last: Mapping[str, Any]) -> None:
-        """Close all files and replace run.json by `last`, also after errors. Raises RecordError if there was one."""
+        """Close all files and replace run.json by `last`, also after errors. Raises RecordError if there was one.
+
+        A run that ended well, but whose record is not complete, has failed: run.json contains the error.
+        """
         for table in self._layout.tables:
             if table not in self._begun:
                 self._pending[table] += names.header_of_frames(0).encode()
-        super().close({"record": names.VERSION, **last})
+        self._settle()
+        about = {"record": names.VERSION, **last}
+        if self.error and not last.get("exit_code"):
+            about |= {"ended": self.error, "exit_code": 1}
+        self._write_last(about)
