@@ -840,6 +840,17 @@ def test_a_vehicle_that_stopped_without_a_pose_does_not_stand_on_the_ground(
     assert world.ned[2] < -5.0
 
 
+@pytest.mark.parametrize("silent_s", [0.7, 0.95])
+def test_a_vehicle_that_began_to_sink_without_a_pose_does_not_stand_on_the_ground(silent_s: float) -> None:
+    world = reaching("flying", ardupilot(), take_off=10.0, height=2.0)
+    world.pass_s(0.81)
+    world.between = without(GLOBAL_POSITION, dialect.MAVLINK_MSG_ID_ATTITUDE)
+    world.pass_s(silent_s)
+    world.between = bytes
+    world.pass_s(1.5)
+    assert (world.client._commander.phase.name, world.client.mission.ended) == ("FLYING", None)
+
+
 @BOTH
 def test_without_a_pose_it_hovers_and_then_lands(make: Callable[[], Any]) -> None:
     world = hunting(make())

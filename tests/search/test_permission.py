@@ -528,6 +528,47 @@ def test_the_pilot_has_the_last_word_from_the_first_moment_on(make: Callable[...
     assert come or {m.get_type() for m in world.orders()} <= {"SET_POSITION_TARGET_LOCAL_NED"}
 
 
+@pytest.mark.parametrize("before_s", [0.1, 0.5])
+def test_a_pilot_who_takes_px4_between_two_heartbeats_is_not_overridden(before_s: float) -> None:
+    """CURRENT_MODE comes with each change of the mode, the heartbeat only once a second."""
+    other = taking_over(airborne(px4))
+    other.reach("flying")
+    world = taking_over(airborne(px4))
+    world.pass_s(other.clock.now() - before_s)
+    world.pilot(POSITION)
+    world.pass_s(5.0)
+    assert world.mode == POSITION
+    assert world.orders() == []
+
+
+@pytest.mark.parametrize("stick_s", [0.7, None])
+def test_an_order_that_is_in_transmission_is_undone(stick_s: float | None) -> None:
+    """The pilot moves a stick, or the person stops the search, before the vehicle's new mode has arrived here."""
+    vehicle = airborne(ardupilot)
+    vehicle._pilot.sticks = (1500,) * 4
+    world = taking_over(vehicle)
+    under_way: list[tuple[float, bytes]] = []
+
+    def delayed(data: bytes) -> bytes:
+        under_way.append((world.clock.now() + 0.15, data))
+        came = [data for at, data in under_way if at <= world.clock.now()]
+        del under_way[: len(came)]
+        return b"".join(came)
+
+    world.between = delayed
+    world.reach("flying")
+    world.pass_s(1.05 if stick_s is None else stick_s)
+    if stick_s is None:
+        world.client.stop()
+        assert world.fail() == "interrupted"
+    else:
+        vehicle._pilot.sticks = (1800, *[1500] * 3)
+        assert world.fail().endswith("the pilot has it, in LOITER")
+    assert any(getattr(m, "command", None) == dialect.MAV_CMD_DO_SET_MODE for m in world.orders())
+    world.pass_s(3.0)
+    assert world.mode == (Mode.GUIDED if stick_s is None else Mode.LOITER)
+
+
 @BOTH
 def test_a_vehicle_that_does_not_come_is_left_to_whoever_has_it(make: Callable[..., Any]) -> None:
     vehicle = airborne(make)

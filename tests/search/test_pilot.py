@@ -117,6 +117,15 @@ def test_after_a_pause_that_nobody_used_the_search_goes_on(seconds: float) -> No
     assert goes_on <= answered <= min(at for at, _ in set_points(world) if at >= goes_on)
 
 
+@BOTH
+def test_after_a_pause_on_the_ground_it_flies(make: Callable[[], Any]) -> None:
+    """It is launched later than the vehicle may be silent: before the launch nothing is asked."""
+    world = World(make(), countdown_s=3.0)
+    world.pass_s(1.0)
+    stopped(world, 1.2)
+    assert world.end() == ("found", "found")
+
+
 def test_after_a_pause_old_words_of_the_mode_do_not_count() -> None:
     """They say GUIDED as long as they wait in some buffer; only what follows the answer to a question is news."""
     world = hunting(ardupilot())

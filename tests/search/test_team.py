@@ -856,6 +856,9 @@ def test_the_others_know_that_one_lands_though_its_mission_has_not_ended() -> No
     run(loop.tasks, clock, until=clock.now() + 1.0)
     news = mate.others.newest[1]
     assert (landing.search._commander.phase.name, news.flying, news.ended) == ("LANDING", True, True)
+    landing.search.stop()
+    run(loop.tasks, clock, until=clock.now() + 2.0)
+    assert clock.now() - mate.others.newest[1].time_s < 0.5
 
 
 class Killed:

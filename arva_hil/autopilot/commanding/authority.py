@@ -101,12 +101,16 @@ class Authority:
         if not self._question:
             self._news_s, self._read_s = since, now
         if self.in_mode:
-            self._ours = frozenset({mode})
+            self._ours, self.borrowed = frozenset({mode}), False
 
     def on_timesync(self, message: Any) -> None:
         """Use a TIMESYNC of the vehicle."""
         if self._question and message.tc1 and message.ts1 == self._question:
             self._question = 0
+
+    def begin(self, now: float) -> None:
+        """Wait for reports from now on: before the launch no question was sent."""
+        self._since = now
 
     def doubt(self, now: float) -> None:
         """Handle a gap: earlier reports do not count, and no order is sent before a later report."""

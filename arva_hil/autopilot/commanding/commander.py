@@ -209,9 +209,14 @@ class FlightState:
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
         self.authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 
-    def _leave_alone(self, *why: Reason) -> bool:
-        """End a take-over before the vehicle follows set-points: no order has to be undone."""
-        if self.authority.borrowed and self.phase.active:
+    def _leave_alone(self, now: float, *why: Reason) -> bool:
+        """End a take-over before the vehicle follows set-points: no order has to be undone.
+
+        Just after an order this waits, because the order may take effect. Returns True until it has.
+        """
+        times = self._times
+        moment = times.ordered_s < math.inf and now < times.next_order - _REPEAT_S + _STOPPED_S
+        if self.authority.borrowed and self.phase.active and not moment:
             self._lose(*why, because(Why.NOT_TAKEN_OVER), handed_over=True)
         return self.authority.borrowed
 
@@ -298,6 +303,7 @@ class Commander(FlightState):
         """
         self._modes = modes_of(self._vehicle)
         self.sticks.mark()
+        self.authority.begin(now)
         self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
 
     def take_over(self, now: float) -> None:
@@ -312,6 +318,7 @@ class Commander(FlightState):
             raise ValueError("its pose, its home or its mode is not known")
         self.origin = place._replace(alt=home[2])
         self.sticks.mark()
+        self.authority.begin(now)
         self.authority.borrow()
         self._enter(Phase.FLYING, now, self._modes.steer)
         self._times.next_order = now + _FLOWING_S
@@ -329,7 +336,7 @@ class Commander(FlightState):
         self._stop(now, why, Phase.HOLDING, self._modes.hold)
 
     def _stop(self, now: float, why: tuple[Reason, ...], phase: Phase, mode: int) -> None:
-        if self._leave_alone(*why) or self.phase not in (Phase.ARMING, Phase.CLIMBING, Phase.FLYING):
+        if self._leave_alone(now, *why) or self.phase not in (Phase.ARMING, Phase.CLIMBING, Phase.FLYING):
             return
         self.why = why
         if self.phase is Phase.ARMING:
@@ -362,8 +369,6 @@ class Commander(FlightState):
     def _advance(self, now: float) -> None:
         """Change to the next phase if this one has ended, or has taken too long."""
         late, in_mode = now - self._times.since, self.authority.in_mode
-        if in_mode:
-            self.authority.borrowed = False
         if self.authority.silent(now):
             self._lose(because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S))
         elif not self.authority.settled:
@@ -392,7 +397,8 @@ class Commander(FlightState):
             self._set_points.rest()
         elif now >= self._set_points.next_s:
             self._offered.append(self._set_points.left)
-            messages.append(self._set_points.message(vehicle, still=self.phase is not Phase.FLYING))
+            still = self.phase is not Phase.FLYING or self.authority.borrowed
+            messages.append(self._set_points.message(vehicle, still=still))
         if now >= self._times.next_order:
             order, again = self._order(vehicle)
             if order is None:
@@ -501,7 +507,7 @@ class Commander(FlightState):
         moved, px4 = self.sticks.moved, self._modes.px4
         battery = self.battery.why(now)
         why = moved or (because(battery) if battery else None)
-        if why is None or self._leave_alone(why):
+        if why is None or self._leave_alone(now, why):
             return
         flown, steered = self.phase in (Phase.CLIMBING, Phase.FLYING), moved and self._steered
         on_the_ground = self.authority.mode == self._modes.hold  # PX4 is still in the mode in which it armed

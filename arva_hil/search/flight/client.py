@@ -206,7 +206,7 @@ class SearchClient:
             self._conclude_lost()
         elif phase is Phase.ENDED:
             self._conclude(now)
-        elif self._stopping:
+        elif self._stopping and phase not in (Phase.LANDING, Phase.HOLDING, Phase.YIELDING):
             self._commander.hold(now)
         elif phase is Phase.ARMING:
             no_frames = because(Why.NO_FRAMES_YET) if self._receiver.silent(now) else None

@@ -368,7 +368,8 @@ class Preflight:
             return lack("frame", now, "no link", self._receiver.why_silent(now))
         if not self._has_pose(now):
             return lack("pose", now, "failed", because(Why.NO_POSE, lacking=session.why_no_pose()))
-        if self._hover and (moving := self._hover.why_not(now, mode)):
+        newest = self._commander.authority.mode  # PX4 sends a heartbeat once a second, and each new mode at once
+        if self._hover and (moving := self._hover.why_not(now, newest)):
             return lack("hover", now, "failed", because(Why.CANNOT_TAKE_OVER, because=moving))
         battery = self._commander.battery.why(now)
         if battery is Why.BATTERY_LOW:

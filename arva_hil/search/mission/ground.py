@@ -122,8 +122,9 @@ class _Motion:
         elif (silent or self.silent) and abs(by_position - climbed) <= _ASTRAY_M:
             climbed = by_position
         self._climbs = -sinks
-        rests = ordered > 2 * AT_REST_M_S and abs(sinks) < AT_REST_M_S
-        self.stalled = self.stalled + ordered * dt if rests else 0.0
+        if not self.silent:  # an old pose may be of a vehicle that sinks meanwhile
+            rests = ordered > 2 * AT_REST_M_S and abs(sinks) < AT_REST_M_S
+            self.stalled = self.stalled + ordered * dt if rests else 0.0
         self._last = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
         return self._last
 
