@@ -64,6 +64,17 @@ PLACED = """async () => {
   const { placed } = await import("/store.js");
   return [placed([-21.9, -0.01]), placed([0.04, -3])];
 }"""
+BEEPING = """window.beeps = 0; window.AudioContext = class {
+  state = "running"; currentTime = 0; resume() {} suspend() {}
+  createGain() { return { gain: { setValueAtTime() {}, exponentialRampToValueAtTime() {} }, connect() {} }; }
+  createOscillator() { beeps += 1; return { frequency: {}, connect: (to) => to, start() {}, stop() {} }; }
+}; null"""
+LATER = "new Promise((done) => { const before = beeps; setTimeout(() => done(beeps - before), 700); })"
+DRAWN = """window.uPlot = class extends uPlot { constructor(...all) {
+  super(...all);
+  const set = this.setData;
+  this.setData = (data) => { window.drawn ??= data; set.call(this, data); };
+} }; null"""
 TURNED = """[Number(document.getElementById("arrow").style.transform.match(/-?\\d+/)[0]),
   document.getElementById("heads").getAttribute("transform")]"""
 
@@ -73,6 +84,12 @@ def tab(browser: Any) -> Iterator[Tab]:
     tab = Tab(browser)
     yield tab
     tab.close()
+
+
+def until(tab: Tab, condition: str) -> None:
+    """Wait for a condition in JavaScript; the page's policy forbids `wait_for_function`."""
+    looking = f"() => {{ if ({condition}) done(); else setTimeout(look, 50); }}"
+    tab.page.evaluate(f"new Promise((done) => {{ const look = {looking}; look(); }})")
 
 
 def url_of(program: Program) -> str:
@@ -222,6 +239,11 @@ def test_a_record_at_any_time(start: Start, tab: Tab, record: Path) -> None:
     assert "#t=19.0" in link
     tab.page.locator("#events .when", has_text=re.compile(r"0:0\d")).last.click()
     tab.shows("#clock", re.compile(r"0:0\d"))
+    events = tab.page.locator("#events li").all_inner_texts()
+    for text in events:  # it is the newest at its own time, and keeps the focus
+        tab.page.locator("#events li", has_text=text.split("\n")[-1]).last.get_by_role("button").press("Enter")
+        assert text in tab.page.locator("#events li").all_inner_texts()
+        assert tab.page.evaluate("document.activeElement.className") == "when"
     tab.page.goto("about:blank")
     tab.open(link)
     tab.shows("#clock", "0:19")
@@ -448,6 +470,63 @@ def test_late_frames_are_no_good_health(tab: Tab, serve: Serve) -> None:
     serve(state)
     assert tab.text("#pill-text") == "frames late: up to 330 ms"
     assert "end other programs" in tab.text("#checks")
+
+
+def test_another_run_at_the_address_has_its_own_receivers_and_field(tab: Tab, serve: Serve) -> None:
+    one, other = (two_buried(State("run", "field.yaml")) for _ in range(2))
+    for state, name in ((one, "alpha"), (other, "beta")):
+        state.update([made(1, of=(name, side)) for side in ("front", "rear")])
+        state.draw_field()
+    page = serve(one)
+    fields = sum("field.json" in url for url in tab.asked)
+    page.state = other  # as a new program does
+    tab.shows("#device-name", "beta/front")
+    until(tab, f"performance.getEntriesByName(location.origin + '/field.json').length > {fields}")
+    assert tab.page.locator("#receiver option").all_inner_texts() == ["beta/front", "beta/rear"]
+
+
+def test_another_record_at_the_address_has_its_own_time_line(start: Start, tab: Tab, record: Path) -> None:
+    program = start("view", record, *WEB)
+    tab.open(url_of(program))
+    end = float(tab.page.locator("#slider").get_attribute("max") or 0)
+    port = url_of(program).rsplit(":", 1)[1].strip("/")
+    program.stops()
+    program = start("view", LOG, "--web", port)
+    tab.shows("#title", re.compile("arducopter"))
+    assert float(tab.page.locator("#slider").get_attribute("max") or 0) < end
+    assert tab.page.locator("#line .phases").count() == 0  # no search
+    program.stops()
+
+
+def test_the_tone_ends_with_the_run(tab: Tab, serve: Serve) -> None:
+    page = serve(State("run", "field.yaml"))
+    tab.page.evaluate(BEEPING)
+    page.observe(made(1, d_cm=30))
+    tab.shows("#number", "1")
+    tab.page.keyboard.press("t")
+    assert tab.page.evaluate(LATER) > 0
+    page.close("stopped")
+    tab.shows("#banner", OVER)
+    assert tab.page.evaluate(LATER) == 0
+
+
+def test_a_low_window_has_a_map(tab: Tab, serve: Serve) -> None:
+    serve(two_buried(State("run", "field.yaml")))
+    tab.page.set_viewport_size({"width": 1210, "height": 200})
+    until(tab, "document.getElementById('map').height < 150")
+    assert tab.page.evaluate("import('/map.js').then(({ view }) => view.scale)") > 0
+
+
+def test_the_range_of_an_empty_slot_is_not_drawn_as_that_of_another_transmitter(tab: Tab, serve: Serve) -> None:
+    page = serve(State("run", "field.yaml"))
+    tab.page.evaluate(DRAWN)
+    state = two_buried(State("run", "field.yaml"))
+    empty = frame_made(2, ChannelReading(None, 0, -1, -1, 8.9), pose=Pose([0.0, 0.0, -3.0], np.eye(3)), time_s=2.0)
+    state.update([made(1), empty])
+    page.state = state
+    tab.shows("#number", "2")
+    until(tab, "window.drawn")
+    assert tab.page.evaluate("drawn[2]") == [9.75, None]
 
 
 def test_a_vehicle_that_is_lost_stays_where_it_was_last(tab: Tab, serve: Serve) -> None:

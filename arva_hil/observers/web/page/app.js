@@ -30,9 +30,10 @@ async function poll() {
   asking = true;
   let pause = document.hidden ? HIDDEN_MS : POLL_MS;
   try {
-    const before = store.version, state = await ask(`state.json?since=${before}${player.query()}`);
+    const before = store.version, run = store.run, state = await ask(`state.json?since=${before}${player.query()}`);
     failures = 0;
     const taken = store.take(state);
+    if (store.run !== run) forgetRun();
     player.vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
     if (state.span && !player.span) player.line = await ask("timeline.json");
     player.take(state); // before the events, which are buttons if there is a player
@@ -55,6 +56,13 @@ async function poll() {
   }
   asking = false;
   timer = setTimeout(poll, player.hurried() ? 0 : pause);
+}
+
+// Forget what belongs to the run before at this address.
+function forgetRun() {
+  field = { version: -1, transmitters: [] };
+  fieldAsked = 0;
+  player.forget();
 }
 
 const points = () => store.points.get(chosen) ?? [];
@@ -89,7 +97,7 @@ function show() {
   $("device-name").textContent = store.keys.length > 1 ? chosen : "";
   showChoice();
   showDisplay(last, old, state.receivers.find((one) => `${one.vehicle}/${one.name}` === chosen)?.frames);
-  updateTone(last, old);
+  updateTone(last, old || Boolean(state.ended));
   showChecks(checks(state, every, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
   showEvents(store.events, player.span ? (time) => player.go(time) : null);
@@ -101,14 +109,14 @@ function show() {
   showVictims(search, outcome, last);
   showTeam(state.team, store.points, chosen, choose);
   showMap({
-    truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen, background: state.background,
+    truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen, background: state.background, run: state.run,
     vehicles: vehicles(), team: state.team.filter((one) => one !== search),
   });
   $("map").setAttribute("aria-label", describe(state, last, shown));
   showLegend(state, shown);
   showBanner();
   if (state.kind === "view") plotted = Math.min(plotted, performance.now() - PLOT_MS / 2);
-  if (performance.now() - plotted > PLOT_MS || state.ended) { plotted = performance.now(); showPlots(every, shown); }
+  if (performance.now() - plotted > PLOT_MS || state.ended) { plotted = performance.now(); showPlots(every, shown, own(state.transmitters).length === 1); }
 }
 
 // Return each vehicle with its chosen receiver, or its first. `ghost`: its last place if it is lost, else null.
@@ -154,7 +162,7 @@ function describe(state, last, shown) {
 
 function showChoice() {
   $("choose").hidden = store.keys.length < 2;
-  if ($("receiver").options.length === store.keys.length) return;
+  if ([...$("receiver").options].map((one) => one.value).join() === store.keys.join()) return;
   $("receiver").replaceChildren(...store.keys.map((key) => el("option", { value: key }, key)));
   $("receiver").value = chosen;
 }

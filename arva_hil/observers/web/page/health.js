@@ -82,8 +82,8 @@ export function showCounters(state) {
 // Return the time of an event; in a record a button that goes there.
 function timeOf(time, go) {
   if (!go) return el("time", {}, clock(time));
-  const button = el("button", { type: "button", class: "when", title: "Go to this time" }, clock(time));
-  button.addEventListener("click", () => go(time));
+  const button = el("button", { type: "button", class: "when", title: "Go to this time", "data-at": time }, clock(time));
+  button.addEventListener("click", () => go(time + 0.01)); // the time is rounded, perhaps down
   return button;
 }
 
@@ -91,8 +91,10 @@ export function showEvents(events, go) {
   const key = `${events.length} ${events.at(-1)?.join() ?? ""}`;
   if (key === shownEvents) return;
   shownEvents = key;
+  const held = document.activeElement?.dataset.at;
   $("events").replaceChildren(...events.toReversed().map(([time, level, text]) => el("li", { "data-level": LEVELS[level] ?? "info" },
     timeOf(time, go), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, text))));
+  if (held) $("events").querySelector(`[data-at="${held}"]`)?.focus();
 }
 
 // Return the standard deviations along the axes of an ellipse, m, and the direction of the first, radians from north.

@@ -174,10 +174,12 @@ function path(line, one, closed = false) {
 }
 
 const picture = new Image();
+let pictured = ""; // its address, another one for each run
 picture.addEventListener("load", ask);
 
 function drawBackground({ reach_m, from }) {
-  if (!picture.src) picture.src = from ?? "background.png";
+  const wanted = from ?? `background.png?run=${scene.run}`;
+  if (pictured !== wanted) picture.src = pictured = wanted;
   if (picture.naturalWidth) ink.drawImage(picture, view.x(-reach_m), view.y(reach_m), 2 * reach_m * view.scale, 2 * reach_m * view.scale);
 }
 

@@ -56,6 +56,14 @@ export class Player {
     $("play").addEventListener("click", () => this.play(!this.playing));
   }
 
+  // Forget the record: another run has its address.
+  forget() {
+    if (this.playing) this.play(false);
+    this.span = null;
+    shown = "";
+    $("player").hidden = true;
+  }
+
   // Go to a time, seconds.
   go(at) {
     if (!this.span) return;

@@ -25,7 +25,8 @@ function rangeOf(slots, id, alone) {
   return alone && slots.length ? slots[0][RANGE] : null;
 }
 
-export function showPlots(points, truth) {
+// `alone`: there is one transmitter.
+export function showPlots(points, truth, alone) {
   let shown = points;
   if (span && points.length) {
     const from = points[points.length - 1][T] - span;
@@ -52,7 +53,7 @@ export function showPlots(points, truth) {
     for (const slot of point[SLOTS]) if (slot[ID] === id && slot[CM] > 0) return slot[CM] / 100;
     return null;
   }));
-  const ranges = ranged ? ids.map((id) => shown.map((point) => rangeOf(point[SLOTS], id, ids.length === 1))) : [];
+  const ranges = ranged ? ids.map((id) => shown.map((point) => rangeOf(point[SLOTS], id, alone))) : [];
   const data = [[t, ...d, ...ranges]];
   if (aged) data.push([t, shown.map((point) => point[AGE])]);
   if (late) data.push([t, shown.map((point) => point[LATE])]);

@@ -52,7 +52,7 @@ export class View {
 
   // Fit a box [south, west, north, east] with a margin, right of `left` covered pixels.
   frame(box, left) {
-    const [south, west, north, east] = box, margin = Math.min(70, this.width * 0.12);
+    const [south, west, north, east] = box, margin = Math.min(70, this.width * 0.12, this.height * 0.25);
     this.north = (south + north) / 2;
     const across = Math.max(6, east - west), along = Math.max(6, north - south);
     this.scale = Math.min((this.width - left - 2 * margin) / across, (this.height - 2 * margin) / along, 60);
