@@ -202,20 +202,33 @@ class Results:
             table.writerow(cell(value) if isinstance(value, str) else value for value in astuple(self.rows[key]))
         replace(self.path.with_name(TABLE), text.getvalue().encode())
 
-    def keep_success(self, success_m: float) -> None:
-        """Store the largest error of a success [m], for charts that are drawn without the plan."""
+    def keep_plan(self, keys: Iterable[str], success_m: float) -> None:
+        """Store the trials of the plan in their order, for charts that are drawn without it. Raises ResultsError.
+
+        `success_m`: the largest error of a success.
+        """
         try:
-            self._database.execute("CREATE TABLE IF NOT EXISTS plan (success_m REAL)")
-            self._database.execute("DELETE FROM plan")
-            self._database.execute("INSERT INTO plan VALUES (?)", (success_m,))
+            with self._database as database:  # commits, or rolls back
+                database.execute("BEGIN")
+                database.execute("CREATE TABLE IF NOT EXISTS plan (success_m REAL)")
+                database.execute("CREATE TABLE IF NOT EXISTS planned (key TEXT)")
+                database.execute("DELETE FROM plan")
+                database.execute("DELETE FROM planned")
+                database.execute("INSERT INTO plan VALUES (?)", (success_m,))
+                database.executemany("INSERT INTO planned VALUES (?)", ((key,) for key in keys))
         except sqlite3.Error as error:
             raise ResultsError(f"{self.path}: cannot be written: {error}") from None
 
-    def success_m(self) -> float:
-        """Return the largest error of a success [m]. Raises ResultsError for results without it."""
+    def planned(self) -> tuple[list[TrialRow], float]:
+        """Return the rows of the plan in its order, and the largest error of a success [m].
+
+        Raises ResultsError for results without a plan.
+        """
         try:
-            return float(self._database.execute("SELECT success_m FROM plan").fetchone()[0])
-        except (sqlite3.Error, TypeError):
+            ((success_m,),) = self._database.execute("SELECT success_m FROM plan")
+            keys = self._database.execute("SELECT key FROM planned ORDER BY rowid")
+            return [self.rows[key] for (key,) in keys], float(success_m)
+        except (sqlite3.Error, KeyError, TypeError, ValueError):
             raise ResultsError(
                 f"{self.path}: the campaign is not complete, or of an older arva-hil: "
                 "run the same command of `campaign` again"
@@ -389,11 +402,23 @@ def matched(better: int, worse: int, pairs: int) -> tuple[float, float, float]:
 
 
 def _mean(values: list[float]) -> tuple[float, float, float] | None:
-    """Return the mean, and the ends of its interval by the normal distribution; None for fewer than two values."""
+    """Return the mean, and the ends of its interval by Student's distribution; None for fewer than two values."""
     if len(values) < 2:
         return None
-    mean, half = float(np.mean(values)), _Z * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    half = student(len(values) - 1) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    mean = float(np.mean(values))
     return mean, mean - half, mean + half
+
+
+def student(freedom: int) -> float:
+    """Return the 97.5 % quantile of Student's distribution with so many degrees of freedom.
+
+    By its density over the angle atan(t/√freedom), which is cos^(freedom − 1).
+    """
+    angle = np.linspace(0.0, min(math.pi / 2, 12 / math.sqrt(freedom)), 10_001)
+    density = np.cos(angle) ** (freedom - 1)
+    below = np.cumsum(density[:-1] + density[1:])
+    return math.sqrt(freedom) * math.tan(np.interp(0.95 * below[-1], below, angle[1:]))
 
 
 def groups(rows: Iterable[TrialRow], *columns: str) -> dict[tuple[Any, ...], list[TrialRow]]:

@@ -81,7 +81,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
             return INTERRUPTED
         with interrupting():  # again, after the guard of the flights: the same command continues it
             kept.export(planned.key for planned in every)
-            kept.keep_success(plan.success_m)
+            kept.keep_plan((planned.key for planned in every), plan.success_m)
             rows = [kept.rows[planned.key] for planned in every]
             table, page = kept.path.with_name(TABLE), kept.path.with_name(REPORT)
             write(page, report.page(one_line(Path(options.plan).stem), rows, plan.success_m).encode())

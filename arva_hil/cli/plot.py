@@ -51,7 +51,7 @@ def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str
         raise UsageError(f"--out {out}: a campaign has a file for each chart: name a folder")
     try:
         with results.opened(Path(options.run)) as kept, needing("plots", "plot"):
-            rows = list(kept.rows.values()), kept.success_m()
+            rows = kept.planned()
             drawn = charts.draw(*rows, format, form)
     except results.ResultsError as error:
         raise Failure(FAILED, error) from None

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.campaign import charts, report
-from arva_hil.campaign.results import TrialRow, differences, groups, matched, row, summary, wilson
+from arva_hil.campaign.results import TrialRow, differences, groups, matched, row, student, summary, wilson
 from tests.said import says
 
 from .fakes import fake, planned
@@ -45,6 +45,11 @@ def runs(*errors: float | None, strategy: str = "flux", **others: object) -> lis
 def test_the_interval_is_wilsons(counts: tuple[int, int]) -> None:
     expected = scipy.stats.binomtest(*counts).proportion_ci(method="wilson")
     assert wilson(*counts) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 4, 9, 99, 200_000])
+def test_the_interval_of_a_mean_is_students(freedom: int) -> None:
+    assert student(freedom) == pytest.approx(scipy.stats.t.ppf(0.975, freedom), rel=1e-5)
 
 
 def test_of_nothing_nothing_is_known() -> None:
@@ -94,15 +99,15 @@ def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
     assert one.success == pytest.approx((0.25, 1 / 6 - half, 1 / 6 + half))
     assert matched(40, 20, 160) == pytest.approx((0.125, 0.03089632, 0.21601726))  # as R's PropCIs::diffpropci.mp
     assert matched(0, 0, 3) == pytest.approx((0, -0.392, 0.392), abs=1e-3)  # three pairs alike prove little
-    assert one.time_s == pytest.approx((0.5, 0.5 - 1.959963984540054 / 2, 0.5 + 1.959963984540054 / 2))
+    assert one.time_s == pytest.approx((0.5, 0.5 - 12.7062047 / 2, 0.5 + 12.7062047 / 2))  # Student's: two values
     table = report.latex([*flux, *other], 2.0)
     says(
         table,
         r"a\_b & 4 & 3 & 75.0 \% & 30.1--95.4 \% &",
         f"% {(compared := 'a_b against flux on 4 trials: success +25.0 points, 95 % from -27.6 to +60.9')}",
     )
-    assert f"\n{compared}, time +0 s, 95 % from -0 to +1" in report.text([*flux, *other], 2.0)
-    assert f"{compared}, time +0 s, 95 % from -0 to +1." in report.page("p", [*flux, *other], 2.0)
+    assert f"\n{compared}, time +0 s, 95 % from -6 to +7" in report.text([*flux, *other], 2.0)
+    assert f"{compared}, time +0 s, 95 % from -6 to +7." in report.page("p", [*flux, *other], 2.0)
     assert table.isascii()
 
 

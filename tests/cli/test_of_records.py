@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from arva_hil.campaign import results
+from arva_hil.campaign import report, results
 from arva_hil.campaign.results import row
 from arva_hil.cli import range_test
 from arva_hil.records.report import page
 from arva_hil.registry import EXPORTS
-from tests.campaign.fakes import fake, planned
+from tests.campaign.fakes import PLAN, fake, planned
 from tests.files import rows as table
 from tests.made_records import write
 
@@ -90,7 +90,7 @@ def test_the_charts_of_a_campaign_are_drawn(arva: Arva, tmp_path: Path) -> None:
     err = arva("plot", tmp_path / "results", code=1).err
     assert "the campaign is not complete, or of an older arva-hil: run the same command of `campaign` again" in err
     with results.opened(tmp_path / "results") as kept:
-        kept.keep_success(1.5)
+        kept.keep_plan([one.key for one in planned()], 1.5)
     assert arva("plot", tmp_path / "results", "--format", "png", "--out", tmp_path / "charts").out == ""
     drawn = sorted(path.name for path in (tmp_path / "charts").iterdir())
     assert drawn[:3] == ["differences-on-the-same-trials.png", "error-of-the-place-reported.png", "success.png"]
@@ -99,6 +99,17 @@ def test_the_charts_of_a_campaign_are_drawn(arva: Arva, tmp_path: Path) -> None:
         arva.refused("plot", tmp_path / "results", "--out", tmp_path / "sheet.png")
         == f"arva-hil: --out {tmp_path}/sheet.png: a campaign has a file for each chart: name a folder\n"
     )
+
+
+def test_the_table_of_a_campaign_is_of_its_plan_in_whatever_order_the_trials_ended(arva: Arva, tmp_path: Path) -> None:
+    plan, other = planned(), planned(PLAN.replace("seeds: 6", "seeds: [77]"))
+    with results.opened(tmp_path / "results") as kept:
+        kept.add(*(row(one, fake(one.trial)) for one in [*other, *plan[::-1]]))
+        kept.keep_plan([one.key for one in plan], 2.0)
+    arva("plot", tmp_path / "results", "--latex", "--out", tmp_path / "charts")
+    table = (tmp_path / "charts" / "table.tex").read_text()
+    assert table == report.latex([row(one, fake(one.trial)) for one in plan], 2.0)
+    assert "% estimate against flux on 12 trials: " in table
 
 
 # -- `arva-hil report`: a page about a record, two, or those in a folder ---------------------------------------

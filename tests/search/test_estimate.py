@@ -52,7 +52,7 @@ from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.flux import Flux
 from arva_hil.search.strategies.history import NOTHING, Cause, Explanation
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.strategies.strategy import STILL, Found, Observation, Strategy, sigma_of
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity, sigma_of
 from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from firmware_proto import Decoder, encode
 from tests.every import every
@@ -877,6 +877,45 @@ def test_however_it_lies_buried(make: Maker, speed: float, within_m: float, seed
     flight = fly_to_buried(seed, make(speed), seed=seed)
     assert flight.error_m < within_m
     assert flight.fastest <= speed + 1e-9
+
+
+class SetBack:
+    """Gives a strategy times of a clock that is set back by an hour 15 s after the start, and again 60 s after it."""
+
+    def __init__(self, strategy: Strategy) -> None:
+        self.strategy = strategy
+
+    @property
+    def found(self) -> Found | None:
+        return self.strategy.found
+
+    def observe(self, observation: Observation) -> None:
+        self.strategy.observe(observation._replace(time_s=self._shown(observation.time_s)))
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        return self.strategy.velocity(self._shown(time_s), position)
+
+    def _shown(self, time_s: float) -> float:
+        return time_s - 3600 * ((time_s >= 15) + (time_s >= 60))
+
+
+@pytest.mark.parametrize(("make", "within_m"), [(Estimate, 0.3), (Extremum, 1), (Flux, 1)])
+def test_a_clock_that_is_set_back_ends_no_search(make: Maker, within_m: float) -> None:
+    for seed, transmitter in enumerate(PAPER):
+        assert fly(SetBack(make(1.0)), transmitter, height_m=1 + 0.2 * seed, seed=seed).error_m < within_m
+
+
+@pytest.mark.parametrize("position", [(math.nan, 0.0, -1.0), (0.0, -math.inf, -1.0), (0.0, 0.0, 1e200)])
+@pytest.mark.parametrize("make", ALL)
+def test_a_reading_without_a_place_is_passed_over(make: Maker, position: Position) -> None:
+    seeker, clean = make(1.0), make(1.0)
+    for k in range(40):
+        each = frame(k, 2500 - 40 * k, 20, north=k)
+        seeker.observe(each._replace(position=position))
+        seeker.observe(each._replace(rotation=np.full((3, 3), math.nan)))
+        seeker.observe(each)
+        clean.observe(each)
+        assert seeker.velocity(k, (k, 0.0, -1.0)) == clean.velocity(k, (k, 0.0, -1.0))
 
 
 @pytest.mark.parametrize("make", ALL)

@@ -52,6 +52,8 @@ class Extremum:
     def observe(self, observation: Observation) -> None:
         """Use the reading of one more frame."""
         o = observation
+        if not o.finite:
+            return
         north, east, _ = o.position
         if self._centre is None:
             if not o.heard:
@@ -59,6 +61,7 @@ class Extremum:
             self._centre, self._time_s = (north, east), o.time_s
         north_c, east_c, self._phase = self._circle(o.time_s)
         self._centre, self._time_s = (north_c, east_c), o.time_s
+        self._heard_s = min(self._heard_s, o.time_s)  # the clock may be set back
         if o.heard:
             self._heard_s = o.time_s
             self._best = min(self._best, (o.d_m, (north, east)))
@@ -102,7 +105,7 @@ class Extremum:
     def _circle(self, time_s: float) -> tuple[float, float, float]:
         """Return the centre of the circle [m north, east] at a time, and the phase [rad]."""
         assert self._centre is not None
-        dt = min(time_s - self._time_s, _SILENCE_S)
+        dt = min(max(time_s - self._time_s, 0.0), _SILENCE_S)
         north, east = self._centre
         return north + self._drift[0] * dt, east + self._drift[1] * dt, self._phase + self._turn_rate * dt
 

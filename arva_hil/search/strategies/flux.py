@@ -48,6 +48,9 @@ class Flux:
     def observe(self, observation: Observation) -> None:
         """Use the reading of one more frame."""
         o = observation
+        if not o.finite:
+            return
+        self._heard_s = min(self._heard_s, o.time_s)  # the clock may be set back
         if self._cross:
             self._d = o.d_m if o.heard else self._d
             self._cross.observe(o.time_s, o.position, o.d_m if o.heard else math.inf)
@@ -151,7 +154,7 @@ class Cross:
             return
         self._on_arm = True
         self._together.append((north * math.cos(self._course) + east * math.sin(self._course), d**-6))
-        if time_s - self._time_s >= _TOGETHER_S:
+        if not 0 <= time_s - self._time_s < _TOGETHER_S:  # also if the clock was set back
             along, power = map(fmean, zip(*self._together, strict=True))
             self._heard.append((along, power))
             self._together, self._time_s = [], time_s

@@ -94,8 +94,10 @@ class History:
 
     def pose(self, o: Observation) -> None:
         """Remember a pose of the receiver."""
-        if self._poses and o.time_s < self._poses[-1].time_s:
-            self._poses.clear()  # the clock was set back
+        if self._poses and (back_s := self._poses[-1].time_s - o.time_s) > 0:  # the clock was set back
+            self._poses, self._read = (
+                [one._replace(time_s=one.time_s - back_s) for one in some] for some in (self._poses, self._read)
+            )
         if self._poses and not o.time_s - self._poses[-1].time_s >= _NEXT_S:
             return
         self._poses.append(o)

@@ -6,10 +6,12 @@ Places are NED metres from the take-off point; times are seconds on one clock; v
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+_FARTHEST_M: Final = 1e8  # no place on Earth is as far away
 
 Velocity = tuple[float, float]  # north, east; m/s
 Position = tuple[float, float, float]  # NED, m
@@ -45,8 +47,10 @@ class Observation(NamedTuple):
 
     @property
     def finite(self) -> bool:
-        """True if the pose is made of finite numbers."""
-        return all(map(math.isfinite, self.position)) and all(map(math.isfinite, self.rotation.flat))
+        """True if the pose is made of finite numbers, and its place is on Earth."""
+        north, east, down = map(abs, self.position)
+        on_earth = north < _FARTHEST_M and east < _FARTHEST_M and down < _FARTHEST_M  # false for NaN
+        return on_earth and all(map(math.isfinite, self.rotation.flat))
 
     @property
     def d_m(self) -> float:
