@@ -455,6 +455,17 @@ def test_the_autopilots_clearance_may_doubt_a_rangefinder(vehicle: Vehicle) -> N
     assert vehicle.says(0.0, pressure(8.0), distance(800), altitude(2.0)).height(0.1, 8.0).metres == 2.0
 
 
+def test_a_check_of_a_rangefinder_that_is_gone_does_not_hold_the_vehicle_for_ever(vehicle: Vehicle) -> None:
+    def said(t: float) -> Any:
+        return distance(round(300 + 30 * min(t, 10.0))) if t < 12 else pressure(3.0)
+
+    assert flown(vehicle, 11.8, lambda t: 3.0, lambda t: pressure(3.0), said).still
+    height = flown(Vehicle(), 20, lambda t: 3.0, lambda t: pressure(3.0), said)
+    assert height.metres == pytest.approx(3.0, abs=0.01)
+    assert not height.measured
+    assert not height.still
+
+
 @pytest.mark.parametrize("change", [4.0, -2.0])
 def test_ground_that_changes_in_a_hover_is_doubted_until_it_is_as_before(vehicle: Vehicle, change: float) -> None:
     def said(t: float) -> Any:

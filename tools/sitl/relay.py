@@ -9,6 +9,7 @@ import os
 import random
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
@@ -131,14 +132,14 @@ class Relay:
         self._system, self._truth = system, truth
         self._up, self._down, self._lied = Parser(), Parser(), Parser()
         self._pilot = Encoder(255, 190)
+        self._said: deque[Any] = deque()  # of the pilot, to be sent
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def say(self, message: Any) -> None:
-        """Send a message as the pilot's ground station."""
-        with contextlib.suppress(LinkError):
-            self._vehicle.write(self._pilot.pack(message))
+        """Send a message as the pilot's ground station, soon: only the relay's own thread uses the links."""
+        self._said.append(message)
 
     def order(self, number: int, *params: float) -> None:
         """Send a command to the autopilot as the pilot's ground station."""
@@ -172,16 +173,21 @@ class Relay:
             if now > due:
                 due = now + 1.0
                 self._ask()
+            while self._said:
+                self._to_vehicle(self._pilot.pack(self._said.popleft()))
             up = _read(self._search)
             if up and not self.silent:
-                with contextlib.suppress(LinkError):
-                    self._vehicle.write(up)
+                self._to_vehicle(up)
             self._note(up, True, emptied)
             emptied = now
             down = _read(self._vehicle)
             if down and not self.silent:
                 self._to_search(self._changed(down))
             self._note(down, False, time.monotonic())
+
+    def _to_vehicle(self, data: bytes) -> None:
+        with contextlib.suppress(LinkError):
+            self._vehicle.write(data)
 
     def _to_search(self, data: bytes) -> None:
         with contextlib.suppress(LinkError):

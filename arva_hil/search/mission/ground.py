@@ -205,8 +205,9 @@ class Ground:
         still, doubt = self._compare(now, altitudes, sigma, found)
         landed = samples.landed or self._motion.stalled > _CONTACT_M
         drift = self._range.drift
-        unchecked = drift.followed if measured is not None else 0.0
-        return Height(lowest, measured is not None, margin, self._below, still or drift.still, doubt, landed, unchecked)
+        if measured is None:
+            return Height(lowest, False, margin, self._below, still, doubt, landed)
+        return Height(lowest, True, margin, self._below, still or drift.still, doubt, landed, drift.followed)
 
     def _altitudes(self, now: float, above: float, motion: Odometry, samples: HeightSamples) -> dict[str, float]:
         """Return the altitudes above the take-off point by each sensor [m]. A jump of the estimated one is left out."""
