@@ -824,31 +824,28 @@ def test_unplugged_while_it_lands_it_is_left_to_land() -> None:
     assert world.fail(1.0).endswith(f"memory:a: lost: closed by the far end; {LEFT}: it continues to land")
 
 
+def goes_on_after_a_silence(world: World, silent_s: float) -> None:
+    world.between = without(GLOBAL_POSITION, dialect.MAVLINK_MSG_ID_ATTITUDE)
+    world.pass_s(silent_s)
+    world.between = bytes
+    world.pass_s(1.5)
+    assert (world.client._commander.phase.name, world.client.mission.ended) == ("FLYING", None)
+
+
 @BOTH
 @pytest.mark.parametrize("silent_s", [1.55, 1.65, 1.75])
 def test_a_vehicle_that_stopped_without_a_pose_does_not_stand_on_the_ground(
     make: Callable[[], Any], silent_s: float
 ) -> None:
     """It was ordered to hover, and not to sink as before."""
-    world = reaching("flying", make(), take_off=10.0, height=2.0)
-    world.pass_s(3.3)
-    world.between = without(GLOBAL_POSITION, dialect.MAVLINK_MSG_ID_ATTITUDE)
-    world.pass_s(silent_s)
-    world.between = bytes
-    world.pass_s(1.5)
-    assert (world.client._commander.phase.name, world.client.mission.ended) == ("FLYING", None)
+    world = reaching("flying", make(), take_off=10.0, height=2.0).after(3.3)
+    goes_on_after_a_silence(world, silent_s)
     assert world.ned[2] < -5.0
 
 
 @pytest.mark.parametrize("silent_s", [0.7, 0.95])
 def test_a_vehicle_that_began_to_sink_without_a_pose_does_not_stand_on_the_ground(silent_s: float) -> None:
-    world = reaching("flying", ardupilot(), take_off=10.0, height=2.0)
-    world.pass_s(0.81)
-    world.between = without(GLOBAL_POSITION, dialect.MAVLINK_MSG_ID_ATTITUDE)
-    world.pass_s(silent_s)
-    world.between = bytes
-    world.pass_s(1.5)
-    assert (world.client._commander.phase.name, world.client.mission.ended) == ("FLYING", None)
+    goes_on_after_a_silence(reaching("flying", ardupilot(), take_off=10.0, height=2.0).after(0.81), silent_s)
 
 
 @BOTH

@@ -212,11 +212,11 @@ class FlightState:
     def _leave_alone(self, now: float, *why: Reason) -> bool:
         """End a take-over before the vehicle follows set-points: no order has to be undone.
 
-        Just after an order this waits, because the order may take effect. Returns True until it has.
+        Just after an order, which may take effect yet, this waits. Returns False once the vehicle follows.
         """
-        times = self._times
-        moment = times.ordered_s < math.inf and now < times.next_order - _REPEAT_S + _STOPPED_S
-        if self.authority.borrowed and self.phase.active and not moment:
+        last_s = self._times.next_order - _REPEAT_S
+        under_way = self._times.ordered_s < math.inf and now < last_s + _STOPPED_S
+        if self.authority.borrowed and self.phase.active and not under_way:
             self._lose(*why, because(Why.NOT_TAKEN_OVER), handed_over=True)
         return self.authority.borrowed
 

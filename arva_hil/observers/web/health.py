@@ -164,8 +164,8 @@ class Health:
         newest = self._newest.get(source, {})
         age_s = max(0.0, now - self._heard_s[source])
         cure = "" if age_s < _OLD_S else "is it powered, and in range of its link?"
-        messages = [(check, decode(newest[id_])) for id_, check in CHECKS.items() if id_ in newest]
-        lines = [check(message) for check, message in messages if message is not None]
+        packets = ((check, newest[id_]) for id_, check in CHECKS.items() if id_ in newest)
+        lines = [check(message) for check, packet in packets if (message := decode(packet)) is not None]
         lines.append(Check("bad" if cure else "good", "link", f"{age_s:.1f} s ago", cure))
         return [line for line in lines if line]
 

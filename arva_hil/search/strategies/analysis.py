@@ -282,9 +282,9 @@ def _track(said: tuple[Any, ...]) -> Track:
         numbers = np.array(said, float).reshape(len(said), 3)
     except (TypeError, ValueError):
         return ()
-    return (
-        tuple((time_s, north, east) for time_s, north, east in numbers.tolist()) if np.isfinite(numbers).all() else ()
-    )
+    if not np.isfinite(numbers).all():
+        return ()
+    return tuple((time_s, north, east) for time_s, north, east in numbers.tolist())
 
 
 def _shown(thing: Any) -> str:
