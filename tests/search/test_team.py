@@ -166,6 +166,23 @@ def test_news_go_to_all_others_five_times_a_second_and_at_once_when_something_ch
     assert [news.hunting for news in heard].count(7) == 1
 
 
+def test_a_report_leaves_in_each_step_of_a_search_though_a_step_may_come_early() -> None:
+    told: list[News] = []
+    mate = Teammate(0, told.append)
+    for step in range(50):
+        mate.report(0.2 * step - 0.01 * (step % 2), HOME, flying=True)
+    assert len(told) == 50
+
+
+def test_what_turns_out_not_sure_after_all_is_free_again() -> None:
+    bus = Bus()
+    finder, other = bus.join(), bus.join()
+    finder.report(0.0, HOME, flying=True, found=(7,), searching=False)
+    assert other.taken(7, own=False)
+    finder.report(20.0, HOME, flying=True, searching=False)  # the readings near the ground contradict the place
+    assert not other.taken(7, own=False)
+
+
 @pytest.mark.parametrize(
     ("other", "flying", "wanted", "allowed"),
     [
@@ -247,6 +264,14 @@ def test_the_upper_ones_search_lower_once_all_below_have_landed(
     assert unlayered.height(3.0, 3.0, (0.0, 0.0, -3.0)) == 3.0
 
 
+def test_the_upper_one_does_not_come_down_to_one_that_it_has_never_had_news_of() -> None:
+    mate = one()
+    plan = mate.layered(SearchPlan(STRATEGIES["flux"]))
+    for number, wanted in ((0, 6.0), (2, 3.0)):
+        mate.on_news(News(number, 0.0, at(9, 0, 0), False))
+        assert mate.height(plan.height, 6.0, (0.0, 0.0, -6.0)) == pytest.approx(wanted)
+
+
 class Hunter:
     """A vehicle without a body that flies to a transmitter at its height, circles there for 10 s, then comes down."""
 
@@ -276,6 +301,25 @@ class Hunter:
         if not self.landed:
             velocity = self.mate.apart(self.at, wanted, 1.0)
             self.at = tuple(place + 0.5 * v for place, v in zip(self.at, velocity, strict=True))  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0, 10.0])
+def test_two_that_fly_to_each_other_stop_in_time_however_fast(speed: float) -> None:
+    """A vehicle without a body that brakes with 2 m/s²."""
+    bus = Bus()
+    team, places, moving = [bus.join(), bus.join()], [-60.0, 60.0], [speed, -speed]
+    for mate in team:
+        mate.plan(SearchPlan(STRATEGIES["flux"], speed=speed, area=(-100.0, -100.0, 100.0, 100.0)), FRAME)
+    nearest = math.inf
+    for tick in range(round(600 / speed)):
+        for n, mate in enumerate(team):
+            mate.report(0.2 * tick, at(places[n], 0, 3), flying=True, hunting=n, hunting_m=9.0)
+        for n, mate in enumerate(team):
+            wanted, _, _ = mate.apart((places[n], 0.0, -3.0), ((-1) ** n * speed, 0.0, 0.0), speed)
+            moving[n] += max(-0.4, min(wanted - moving[n], 0.4))
+            places[n] += 0.2 * moving[n]
+        nearest = min(nearest, places[1] - places[0])
+    assert 5.0 < nearest < 9.0
 
 
 @pytest.mark.parametrize("apart_m", [0.5, 4.0])

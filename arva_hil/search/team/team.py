@@ -64,6 +64,7 @@ _UP_M: Final = 4.0  # no take-off within this horizontal distance below another 
 _ABOVE_M: Final = 1.0  # a vehicle that is less above takes off at the same time
 _DIRECTIONS: Final = 24  # radius of the search for a free place
 _ROUNDING: Final = 1e-9  # m/s
+_BRAKES: Final = 0.5  # m/s², braking: half of that of the slowest vehicle to be expected, because news are late
 
 Direction = tuple[float, float]  # north, east
 
@@ -90,6 +91,11 @@ class Near(NamedTuple):
     @property
     def level(self) -> bool:
         return self.other.flying and (self.overdue or abs(self.below) < _LEVEL_M)
+
+    @property
+    def fastest(self) -> float:
+        """Highest speed towards it [m/s] from which both can stop in time, if it is level."""
+        return math.sqrt(1.0 + _BRAKES * max(self.metres - self.apart_m, 0.0))
 
     @property
     def in_the_way_down(self) -> bool:
@@ -132,7 +138,8 @@ def kept_apart(
     north, east = _clear(wanted, [*barred, *edges])
     if any(one.in_the_way_down for one in near):
         down = min(down, 0.0)
-    share = min(1.0, speed / max(math.hypot(north, east), 1e-9))
+    most = [one.fastest / max(_along((north, east), (one.north, one.east)), 1e-9) for one in near if one.level]
+    share = min(1.0, speed / max(math.hypot(north, east), 1e-9), *most)
     return north * share, east * share, down
 
 
@@ -178,7 +185,7 @@ def _rank(news: News) -> tuple[bool, bool, float, int]:
     return not news.ended, news.free, news.hunting_m, news.number
 
 
-_EVERY_S: Final = 0.2  # period of its reports
+_EVERY_S: Final = 0.18  # between its reports: a step of a search, less its jitter
 _OLD_S: Final = 5.0  # after this silence, a search's transmitter and part of the area are free again
 _ABSENT_S: Final = 60.0  # after its own first news: the parts of searches that sent nothing are free
 _MUCH_NEARER: Final = 0.5  # a search at this share of the distance gets the transmitter
@@ -240,7 +247,7 @@ class Teammate:
         self._raised_m = 0.0  # above the lowest layer
         self._part: int | None = number  # that it searches
         self._flown: set[int] = set()
-        self._own: set[int] = set()  # transmitters that it has found
+        self._own: set[int] = set()  # transmitters that it has found for sure
         self._visited: set[int] = set()  # transmitters that it did not find at the places of reception
         self._began = math.inf
         self._told: News | None = None
@@ -267,7 +274,7 @@ class Teammate:
         """Pass on the place and the task of its own vehicle, five times a second and when they change."""
         self.others.now = now
         self._began = min(self._began, now)
-        self._own.update(found)
+        self._own = set(found)
         part = self._part if searching else None
         free = searching and self._part is None and hunting is None
         ever, flown = tuple(sorted(self._own)), tuple(sorted(self._flown))
@@ -402,11 +409,12 @@ class Teammate:
     def height(self, wanted_m: float, height_m: float, position: Position) -> float:
         """Return the height to fly at: `wanted_m`, that of its layer, or lower.
 
-        It is lower once all vehicles of the layer below have ended and are on the ground. The vehicle, now at
-        `height_m`, does not descend above another one.
+        It is lower once all vehicles of the layer below have ended and are on the ground: one without news may fly.
+        The vehicle, now at `height_m`, does not descend above another one.
         """
-        below = [other for other in self.others.newest.values() if layer_m(other.number) < self._raised_m]
-        if not below or any(other.flying or not other.ended for other in below):
+        newest, count = self.others.newest, self._field.count if self._field else 0
+        below = [newest.get(number) for number in {*range(count), *newest} if layer_m(number) < self._raised_m]
+        if not below or any(other is None or other.flying or not other.ended for other in below):
             return wanted_m
         low_m = wanted_m - self._raised_m
         return min(max(height_m, low_m), wanted_m) if self.above_another(position) else low_m
@@ -449,12 +457,12 @@ class Teammate:
 
     def _neighbours(self, position: Position) -> list[Near]:
         own = self._search
-        near = _seen(self.others.ages, own.origin, position, own.speed) if own else ()
-        return [one for one in near if one.metres < one.room_m]
+        return list(_seen(self.others.ages, own.origin, position, own.speed)) if own else []
 
     def _makes_room(self, one: Near) -> bool:
         first = self._goes_first(one.other)
-        return (one.level and (first or one.overdue)) or (one.coming_down and first)
+        there = (one.level and (first or one.overdue)) or (one.coming_down and first)
+        return there and one.metres < one.room_m
 
     def _goes_first(self, other: News) -> bool:
         return self._told is not None and _rank(other) < _rank(self._told)
