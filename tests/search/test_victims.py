@@ -237,6 +237,15 @@ def test_who_is_led_back_says_so_and_counts_nobody_twice() -> None:
     assert receiver.marks == [1, 1]
 
 
+def test_a_slot_without_a_signal_does_not_make_two_of_one_that_has_another_number() -> None:
+    rescue = Rescue(2)
+    rescue.find(beacon(1, 2), after=[beacon(1, 9)])
+    rescue.step(Channel(1), beacon(5, 2))  # the slot of the old number is blank
+    rescue.find(Channel(1), beacon(5, 2), place=(3.4, 4.3, -1.0))
+    assert [(event.transmitter, event.number) for event in rescue.of(VictimAgain)] == [(5, 1)]
+    assert len(rescue.mission.victims.places) == 1
+
+
 def test_one_that_was_found_without_an_id_is_marked_once_it_has_one() -> None:
     receiver = Receiver()
     rescue = Rescue(3, receiver)
@@ -289,6 +298,41 @@ def test_a_place_that_is_not_sure_stays_so_when_another_is_left_to_be_found_agai
     rescue.find(beacon(2, 2), place=(20.0, 5.0, -1.0), after=[beacon(2, 9)])
     assert rescue.mission.found is None
     assert not rescue.mission.sure
+
+
+def test_a_sure_place_beside_one_that_is_not_sure_is_listed_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, False))
+    rescue = Rescue(2)
+    for _ in range(2):  # the first time it is doubted
+        rescue.find(beacon(1, 2), after=[beacon(1, 9)])
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, True))
+    rescue.find(beacon(2, 2), place=(3.5, 5.0, -1.0), after=[beacon(2, 9)])
+    assert [(victim.id, victim.sure) for victim in rescue.mission.victims.places] == [(1, False), (2, True)]
+    assert not rescue.of(VictimAgain)
+
+
+def test_a_place_near_the_doubted_place_of_another_transmitter_is_doubted_as_well(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
+    rescue = Rescue(2)
+    for id_, place in ((1, AT), (2, (3.4, 4.0, -1.0))):
+        rescue.find(beacon(id_, 2), place=place, after=[beacon(id_, 9)])
+    assert [event.transmitter for event in rescue.of(PlaceDoubted)] == [1, 2]
+    assert not rescue.mission.victims.places
+
+
+def test_the_last_place_is_not_listed_as_sure_if_what_is_heard_near_the_ground_contradicts_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rescue = Rescue(2)
+    rescue.find(beacon(1, 2), beacon(2, 18), after=[beacon(1, 9), beacon(2, 20)])
+    rescue.find(beacon(2, 2), beacon(1, 18), place=(20.0, 5.0, -1.0))
+    assert in_words(rescue.mission.ended) == FOUND
+    monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
+    rescue.mission.confirm(rescue.now + 9.0)
+    assert conclusion(rescue.mission)[0] == "not sure"
+    assert [victim.sure for victim in rescue.mission.victims.places] == [True, False]
 
 
 def test_when_the_time_is_up_it_says_how_many() -> None:

@@ -515,12 +515,12 @@ _SAME_M: Final = 1.0  # a place found twice within this distance is right
 
 
 class LastLook:
-    """Remembers the places that were doubted. `choice`: the transmitter that is flown to."""
+    """Remembers the places that were doubted, by transmitter. `choice`: the transmitter that is flown to."""
 
     def __init__(self, choice: Choice, emit: Callable[[Event], None]) -> None:
         self._choice = choice
         self._emit = emit
-        self._doubted: list[tuple[float, float]] = []
+        self._doubted: dict[int, list[tuple[float, float]]] = {}
 
     def check(self, found: Found, time_s: float, *, last: bool) -> str:
         """Check that the newest readings agree with the place found. To search for it again, forget them.
@@ -533,11 +533,12 @@ class LastLook:
             return AGREES if last else LISTEN
         if id_ is None or sum(contradicting) <= _MANY * len(contradicting):
             return LISTEN if any(contradicting[-1:]) and not last else AGREES
-        if any(math.dist(found[:2], place) < _SAME_M for place in self._doubted):
+        doubted = self._doubted.setdefault(id_, [])
+        if any(math.dist(found[:2], place) < _SAME_M for place in doubted):
             return AGREES
-        if last or len(self._doubted) == _AGAIN:
+        if last or len(doubted) == _AGAIN:
             return NOT_THERE
-        self._doubted.append(found[:2])
+        doubted.append(found[:2])
         self._emit(PlaceDoubted(time_s, id_of(id_), found.north, found.east))
         self._choice.forget(id_)
         return LOOK_AGAIN

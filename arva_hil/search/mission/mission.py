@@ -195,6 +195,7 @@ class Mission:
         """Compare the newest readings, from near the ground: the transmitter may have moved in the meantime."""
         if self.found_surely and self.found and self._last_look.check(self.found, time_s, last=True) != AGREES:
             self._judge(sure=False)
+            self.victims.retract()
             self.ended = because(Why.NOT_SURE)
 
     @property
@@ -392,7 +393,7 @@ class Mission:
 
     def _repeated(self, target: int, found: Found, sure: bool, time_s: float, position: Position) -> bool:
         """Return True if a place is found already, or is to be searched again."""
-        again = self.victims.same(target, found, time_s)
+        again = self.victims.same(target, found, sure, time_s)
         if not again and (sure or not self.victims.doubt(target, found, time_s)):
             return False
         self.choice.forget(target)

@@ -211,7 +211,7 @@ class Victims:
 
     def on_frame(self, frame: Frame, time_s: float) -> None:
         """Use a frame: detect lost marks, and remember transmitters received together."""
-        ids = {channel.id for channel in frame.channels if channel.id is not None}
+        ids = {channel.id for channel in frame.channels if channel.valid and channel.id is not None}
         self._together |= {frozenset((a, b)) for a in ids for b in ids if a < b}
         self._more = bool(frame.status & MORE_TRANSMITTERS)
         for channel in frame.channels:
@@ -228,9 +228,14 @@ class Victims:
         """Return True if a reading without an id is of a transmitter that is found."""
         return self._explained.explain(observation)
 
-    def same(self, id_: int, found: Found, time_s: float) -> bool:
-        """Return True if a place is of a transmitter found already, and mark it again."""
+    def same(self, id_: int, found: Found, sure: bool, time_s: float) -> bool:
+        """Return True if a place is of a transmitter found already, and mark it again.
+
+        A sure place is never counted as one that is not sure.
+        """
         for number, victim in enumerate(self.places):
+            if sure and not victim.sure:
+                continue
             sigma = math.hypot(found.sigma or _SIGMA_M, victim.found.sigma or _SIGMA_M)
             apart = math.dist(found[:2], victim.found[:2])
             others = [other for other, known in self.known.items() if known == number]
@@ -258,6 +263,10 @@ class Victims:
         if dipole is not None:
             self._explained.add(dipole)
         self._marks.begin(len(self.places) - 1, victim.id, time_s)
+
+    def retract(self) -> None:
+        """Count the newest place as not sure."""
+        self.places[-1:] = [replace(victim, sure=False) for victim in self.places[-1:]]
 
     def report(self, heard: Iterable[int], time_s: float) -> None:
         """Report the newest place, and the transmitters left of those `heard`."""
