@@ -194,7 +194,7 @@ def test_what_turns_out_not_sure_after_all_is_free_again() -> None:
         ((2, 0, 0), False, (0, 0, 0.5), (0, 0, 0)),  # nor where it has landed
         ((2, 0, 0), False, (1, 0, 0), (1, 0, 0)),  # but over it,
         ((2, 0, -2), False, (0, 0, 0.5), (0, 0, 0.5)),  # and down to 4 m above it
-        ((2, 0, 3), True, (0, 0, -0.5), (0, 0, -0.5)),  # up is always free
+        ((5, 0, 3), True, (0, 0, -0.5), (0, 0, -0.5)),  # up is always free
     ],
 )
 def test_no_velocity_leads_to_another_vehicle(
@@ -215,7 +215,8 @@ def test_no_velocity_leads_to_another_vehicle(
         (News(2, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=20.0), False),
         (News(2, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=19.0), True),  # nearer to its transmitter
         (News(0, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=21.0), False),
-        (News(0, 0.0, at(5, 0, 3), True, free=True), False),  # it only waits
+        (News(0, 0.0, at(5, 0, 3), True, free=True), False),  # it only waits,
+        (News(0, 0.0, at(4, 0, 3), True, free=True), True),  # but may not know where the other is
         (News(2, 0.0, at(5, 0, 3), True), True),  # its search has ended,
         (News(2, 0.0, at(5, 0, 9), True), True),  # so it may come down from above
         (News(2, 0.0, at(5, 0, 0), False), False),  # it has landed
@@ -320,6 +321,24 @@ def test_two_that_fly_to_each_other_stop_in_time_however_fast(speed: float) -> N
             places[n] += 0.2 * moving[n]
         nearest = min(nearest, places[1] - places[0])
     assert 5.0 < nearest < 9.0
+
+
+@pytest.mark.parametrize("deaf", [0, 1])
+def test_one_that_receives_nothing_of_another_is_evaded_by_it_whoever_goes_first(deaf: int) -> None:
+    bus = Bus()
+    team, places = [bus.join(), bus.join()], [0.0, 20.0]
+    for mate in team:
+        mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    team[deaf].on_news = lambda news: None  # type: ignore[method-assign]
+    nearest = math.inf
+    for tick in range(300):
+        for n, mate in enumerate(team):
+            mate.report(0.2 * tick, at(places[n], 0, 3), flying=True, hunting=n, hunting_m=9.0)
+        for n, mate in enumerate(team):
+            wanted = (1.0 - 2.0 * deaf) * (n == deaf)
+            places[n] += 0.2 * mate.apart((places[n], 0.0, -3.0), (wanted, 0.0, 0.0), 1.0)[0]
+        nearest = min(nearest, abs(places[1] - places[0]))
+    assert nearest > 4.0
 
 
 @pytest.mark.parametrize("apart_m", [0.5, 4.0])

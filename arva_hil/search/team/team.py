@@ -62,6 +62,7 @@ _OVERDUE_S: Final = 1.0  # after this time without news a vehicle may be nearer,
 _COASTS_S: Final = 3.0  # an autopilot follows its last velocity for this time: GUID_TIMEOUT
 _UP_M: Final = 4.0  # no take-off within this horizontal distance below another one; a team may stand 5 m apart
 _ABOVE_M: Final = 1.0  # a vehicle that is less above takes off at the same time
+_CLOSE_M: Final = 4.5  # nearer, each makes room for the other, which may not have received its news
 _DIRECTIONS: Final = 24  # radius of the search for a free place
 _ROUNDING: Final = 1e-9  # m/s
 _BRAKES: Final = 0.5  # m/s², braking: half of that of the slowest vehicle to be expected, because news are late
@@ -460,8 +461,8 @@ class Teammate:
         return list(_seen(self.others.ages, own.origin, position, own.speed)) if own else []
 
     def _makes_room(self, one: Near) -> bool:
-        first = self._goes_first(one.other)
-        there = (one.level and (first or one.overdue)) or (one.coming_down and first)
+        first, close = self._goes_first(one.other), one.metres < _CLOSE_M
+        there = (one.level and (first or one.overdue or close)) or (one.coming_down and first)
         return there and one.metres < one.room_m
 
     def _goes_first(self, other: News) -> bool:
