@@ -314,6 +314,17 @@ def test_no_more_is_remembered_than_has_to_be(m: Told) -> None:
     assert len(record.past) == 256
 
 
+def test_of_too_many_transmitters_the_one_that_is_silent_for_longest_is_forgotten(m: Told) -> None:
+    """As with a receiver that gives each signal that comes back a new id."""
+    for n in range(16):
+        heard(m, beacon(n, 40 - n), at_s=101.0 + n)
+    heard(m, beacon(99, 9), at_s=150.0)
+    assert 99 not in m.choice.heard  # all were received within a minute
+    heard(m, beacon(99, 9), at_s=162.0)
+    assert 99 in m.choice.heard
+    assert sorted(m.choice.heard)[:2] == [1, 2]
+
+
 def test_frames_without_numbers_are_of_one_transmitter_the_nearest(m: Told, strategy: type[Scripted]) -> None:
     heard(m, beacon(None, 9, 10), beacon(None, 30, 20), at_s=101.0)
     heard(m, beacon(None, 31, 20), beacon(None, 8, 11), at_s=102.0)

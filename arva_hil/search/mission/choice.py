@@ -250,6 +250,7 @@ _OFTEN: Final = 0.25  # postpone it below this share of the frames that could ha
 _CLOSER: Final = 0.8  # unless it came nearer than this share of its best distance; retry it there
 _STEADY_S: Final = 5.0  # retry a postponed transmitter that was in all frames for this time
 _MOST_HEARD: Final = 16  # transmitters
+_SILENT_S: Final = 60.0  # of more, the one with the longest silence is forgotten after this time
 
 
 _PAIR_S: Final = (0.9, 5.0)  # between two readings that are compared
@@ -411,7 +412,7 @@ class Choice:
     def add(self, id_: int, observation: Observation) -> None:
         """Add a reading of a transmitter."""
         if id_ not in self.heard:
-            if len(self.heard) >= _MOST_HEARD:
+            if len(self.heard) >= _MOST_HEARD and not self._forget_silent(observation.time_s):
                 return
             self.heard[id_] = HeardTransmitter()
             self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
@@ -468,6 +469,15 @@ class Choice:
         there = bool(self._put_off)
         self._put_off.clear()
         return there
+
+    def _forget_silent(self, time_s: float) -> bool:
+        """Forget the transmitter with the longest silence, except the present one. Return False if all are received."""
+        silent = min(self.heard.keys() - {self.target}, key=lambda id_: self.heard[id_].last_s)
+        if time_s - self.heard[silent].last_s < _SILENT_S:
+            return False
+        self.guidance.forget(silent)
+        del self.heard[silent]
+        return True
 
     def forget(self, id_: int) -> None:
         """Forget the readings of a transmitter; without an id, its reception too."""
