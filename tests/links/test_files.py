@@ -78,6 +78,16 @@ def test_a_pipe_is_no_file_that_grows_and_is_not_waited_for(tmp_path: Path) -> N
         files.grow(tmp_path / "pipe")
 
 
+@pytest.mark.parametrize("name", ["pipe", "link to pipe"])
+def test_a_pipe_or_a_device_is_no_file_that_is_replaced(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link to pipe").symlink_to("pipe")
+    with pytest.raises(OSError, match="is not a regular file"):
+        files.replace(tmp_path / name, b"new")
+    assert (tmp_path / name).is_fifo()
+    assert sorted(os.listdir(tmp_path)) == ["link to pipe", "pipe"]
+
+
 def test_a_file_that_cannot_be_replaced_stays_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_: int) -> None:
         raise OSError(28, os.strerror(28))
