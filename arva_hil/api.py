@@ -14,7 +14,7 @@ from arva_hil.clock import RealClock
 from arva_hil.config import Scenario, load, parse
 from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade
-from arva_hil.links import Link, LinkError, open_link
+from arva_hil.links import Link, LinkError, open_link, url
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_timeline import Timeline
@@ -80,6 +80,7 @@ def run_live(
     or without a heartbeat in time; ValueError for arguments that do not fit together.
     """
     _check_scenario(scenario)
+    _check_port(port)
     sides = _sides(scenario, autopilot, port, target_system)
     clock, watcher = RealClock(), _Watcher(on_event, len(scenario.vehicles) or 1)
     with ExitStack() as stack:
@@ -119,6 +120,7 @@ def replay(
     if the file cannot be read or is not a log; ValueError for arguments that do not fit together.
     """
     _check_scenario(scenario)
+    _check_port(port)
     if scenario.vehicles:
         _check_own(scenario, port, target_system)
     vehicles = vehicles_in_log(scenario, os.fspath(log), target_system, target_component)
@@ -154,6 +156,12 @@ def _check_scenario(scenario: object) -> None:
     if not isinstance(scenario, Scenario):
         cure = f": write load_scenario({scenario!r})" if isinstance(scenario, str | os.PathLike | Mapping) else ""
         raise ValueError(f"scenario: {scenario!r}, expected a Scenario{cure}")
+
+
+def _check_port(port: str | None) -> None:
+    """Raise ValueError for a log, and AddressError for a wrong connection string."""
+    if port is not None and url.parse(port).kind == "tlog":
+        raise ValueError(f"port: {port!r} is a log: frames cannot be sent there")
 
 
 def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_system: int | None) -> FleetSides:

@@ -136,6 +136,14 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: _emulator().link_lost("autopilto", "gone", 0.0), "link: 'autopilto', expected one of autopilot, port"),
     (lambda: _back_in_time(), "now: 4, expected 5 s or later: time does not go back"),
     (lambda: arva_hil.run_live(_scenario(), autopilot="pty"), "port: None, expected a port for frames of the format"),
+    (
+        lambda: arva_hil.run_live(_scenario(), autopilot="pty", port="out.tlog", timeout_s=0.01),
+        "port: 'out.tlog' is a log: frames cannot be sent there",
+    ),
+    (
+        lambda: arva_hil.replay("flight.tlog", _scenario(), port="out.tlog"),
+        "port: 'out.tlog' is a log: frames cannot be sent there",
+    ),
     (lambda: arva_hil.run_live(_scenario(), port="pty"), "autopilot: None, expected the connection string"),
     (
         lambda: arva_hil.run_live(_fleet(), autopilot="pty", port="pty"),

@@ -33,7 +33,7 @@ def _is_number(value: Any) -> bool:
 _FITS: Final[Mapping[str, Callable[[Any], bool]]] = {  # by the type of a key: True for a value of it
     "string": lambda value: isinstance(value, str),
     "number": _is_number,
-    "integer": lambda value: _is_number(value) and isinstance(value, int) and value >= 0,
+    "whole number from 0": lambda value: _is_number(value) and isinstance(value, int) and value >= 0,
     "list of points": lambda value: (
         isinstance(value, list) and all(isinstance(point, list) and all(map(_is_number, point)) for point in value)
     ),
@@ -41,7 +41,7 @@ _FITS: Final[Mapping[str, Callable[[Any], bool]]] = {  # by the type of a key: T
 
 
 class Key(NamedTuple):
-    """A key of a request: its JSON type, and whether a request must have it."""
+    """A key of a request: the kind of its value, and whether a request must have it."""
 
     kind: str
     needed: bool = True
@@ -55,7 +55,7 @@ REQUESTS: Final[Mapping[str, Mapping[str, Key]]] = {
     "clear": {},
     "advance": {"seconds": Key("number")},
     "truth": {},
-    "frames": {"since": Key("integer", needed=False)},
+    "frames": {"since": Key("whole number from 0", needed=False)},
     "unplug": {},
     "replug": {},
     "power_cycle": {},

@@ -59,7 +59,7 @@ class StdoutError(Failure):
     """Standard output cannot be written, e.g. its disk is full."""
 
     def __init__(self, error: OSError) -> None:
-        super().__init__(FAILED, f"stdout: {error}")
+        super().__init__(FAILED, f"stdout: cannot be written: {error.strerror or error}")
 
 
 class StdoutReaderGone(StdoutError):

@@ -80,7 +80,7 @@ def test_each_request_does_what_the_bench_does(bench: Bench) -> None:
         ('{"do": "advance", "seconds": 1e9}', "expected 0…1e+06 seconds"),
         ('{"do": "advance", "second": 1}', "unknown key 'second', expected seconds"),
         ('{"do": "truth", "now": 1}', "unknown key 'now', expected none"),
-        ('{"do": "frames", "since": -1}', "since"),
+        ('{"do": "frames", "since": -1}', "since is '-1', expected a whole number from 0"),
         ('{"do": "inject", "fault": "dorp=1"}', "did you mean 'drop'"),
         ('{"do": "fly", "points": [[0, 0]]}', "each point"),
         ('{"do": "fly", "points": 3}', "expected a list of points"),

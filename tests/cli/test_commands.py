@@ -113,6 +113,11 @@ def test_check_shows_the_faults_as_the_command_line_writes_them(arva: Arva, tmp_
     assert out.splitlines()[3].startswith(f"{DEFAULT}: ok: ")
 
 
+def test_scenarios_says_what_each_is_in_a_whole_sentence(arva: Arva) -> None:
+    said = [json.loads(line)["about"] for line in arva("scenarios", "--json").out.splitlines()]
+    assert [about for about in said if re.search(r"\b[A-Z]\.$", about)] == []  # cut behind an initial
+
+
 def test_ports_lists_what_there_is(arva: Arva) -> None:
     devices = [port.device for port in list_ports()]
     out = arva("ports", "--json").out
@@ -163,7 +168,10 @@ def into_nothing(why: str) -> int:
 
 @pytest.mark.parametrize(
     ("why", "code", "said"),
-    [("No space left on device", 1, r"stdout: .*No space left on device\n$"), ("Broken pipe", 141, r"^$")],
+    [
+        ("No space left on device", 1, r"stdout: cannot be written: No space left on device\n$"),
+        ("Broken pipe", 141, r"^$"),
+    ],
 )
 @pytest.mark.parametrize("command", ["--help", "run --help", "listen", "check --schema"])
 def test_stdout_that_takes_nothing_is_an_error_with_a_message_and_a_reader_that_has_gone_is_none(
@@ -427,8 +435,9 @@ def test_no_answer_is_an_error_that_says_what_came(arva: Arva, line: PtyLink, ca
     assert err.endswith(said + "\n")
 
 
-def test_a_port_that_is_not_there_is_exit_code_3(arva: Arva) -> None:
-    arva("command", "/dev/no-such-port", "identify", code=3)
+@pytest.mark.parametrize("words", ["command /dev/no-such-port identify", "serve --port /dev/no-such-port"])
+def test_a_port_that_is_not_there_is_exit_code_3(arva: Arva, words: str) -> None:
+    arva(*words.split(), code=3)
 
 
 def test_a_run_obeys_it(arva: Arva, start: Start, autopilot: Any, tmp_path: Any) -> None:
