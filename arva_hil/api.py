@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
-from typing import Any
+from typing import Any, Final
 
 from arva_hil.clock import RealClock
 from arva_hil.config import Scenario, load, parse
@@ -24,6 +24,15 @@ from arva_hil.runtime import drivers
 from arva_hil.runtime.audience import Audience, MissingVehicles
 from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, live_vehicles, vehicles_in_log
 from arva_hil.runtime.loop import run
+
+_RANGES: Final = {
+    "target_system": (1, 255),
+    "target_component": (1, 255),
+    "stream_hz": (1, 200),
+    "duration_s": (0, math.inf),
+    "timeout_s": (0, math.inf),
+    "max_age_s": (0, math.inf),
+}
 
 
 def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenario:
@@ -81,6 +90,8 @@ def run_live(
     """
     _check_scenario(scenario)
     _check_port(port)
+    given = {"target_system": target_system, "target_component": target_component, "stream_hz": stream_hz}
+    _check_numbers(given | {"duration_s": duration_s, "timeout_s": timeout_s, "max_age_s": max_age_s})
     sides = _sides(scenario, autopilot, port, target_system)
     clock, watcher = RealClock(), _Watcher(on_event, len(scenario.vehicles) or 1)
     with ExitStack() as stack:
@@ -121,6 +132,7 @@ def replay(
     """
     _check_scenario(scenario)
     _check_port(port)
+    _check_numbers({"target_system": target_system, "target_component": target_component, "max_age_s": max_age_s})
     if scenario.vehicles:
         _check_own(scenario, port, target_system)
     vehicles = vehicles_in_log(scenario, os.fspath(log), target_system, target_component)
@@ -162,6 +174,14 @@ def _check_port(port: str | None) -> None:
     """Raise ValueError for a log, and AddressError for a wrong connection string."""
     if port is not None and url.parse(port).kind == "tlog":
         raise ValueError(f"port: {port!r} is a log: frames cannot be sent there")
+
+
+def _check_numbers(given: Mapping[str, float | None]) -> None:
+    """Raise ValueError for an argument out of its range; None is left out."""
+    for name, value in given.items():
+        low, high = _RANGES[name]
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{name}: {value!r} is out of range ({low:g}…{high:g})")
 
 
 def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_system: int | None) -> FleetSides:

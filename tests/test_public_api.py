@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import inspect
+import math
 import pkgutil
 import subprocess
 import sys
@@ -143,6 +144,19 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: arva_hil.replay("flight.tlog", _scenario(), port="out.tlog"),
         "port: 'out.tlog' is a log: frames cannot be sent there",
+    ),
+    (
+        lambda: arva_hil.replay("flight.tlog", _scenario(), target_system=300),
+        "target_system: 300 is out of range (1…255)",
+    ),
+    (lambda: arva_hil.replay("flight.tlog", _scenario(), max_age_s=math.nan), "max_age_s: nan is out of range (0…inf)"),
+    (
+        lambda: arva_hil.run_live(_scenario(), autopilot="pty", port="pty", duration_s=math.nan),
+        "duration_s: nan is out of range (0…inf)",
+    ),
+    (
+        lambda: arva_hil.run_live(_scenario(), autopilot="pty", port="pty", stream_hz=0, timeout_s=0.01),
+        "stream_hz: 0 is out of range (1…200)",
     ),
     (lambda: arva_hil.run_live(_scenario(), port="pty"), "autopilot: None, expected the connection string"),
     (
