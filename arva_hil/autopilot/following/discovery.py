@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -180,21 +181,22 @@ class Identity:
         self._clock = ClockMap(_WINDOW_S)
         self._last: tuple[float, float] | None = None  # boot time, and host time of its arrival
         self._place: tuple[float, Place, Velocity] | None = None
-        self._strange = {"time": 0, "place": 0}  # values in a row that did not fit
+        # values in a row that did not fit: times by the kind of message, because one kind may be late; and places
+        self._strange = Counter[int | str]()
 
     def owns(self, message: Any, now: float) -> bool:
         """Return True if a message that navigation handles may be from this vehicle."""
         if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
             return True
         boot = message.time_boot_ms / 1e3
-        if not self.time(boot, now):
+        if not self.time(message.id, boot, now):
             return False
         if message.id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT or is_zero(message):
             return True
         return self.place(boot, *place_of(message))
 
-    def time(self, boot: float, now: float) -> bool:
-        """Return True if its boot time may be `boot` [s] now."""
+    def time(self, msgid: int, boot: float, now: float) -> bool:
+        """Return True if the boot time in a message of this kind may be `boot` [s] now."""
         strange = None
         if self._last is not None:
             boot_before, before = self._last
@@ -205,7 +207,7 @@ class Identity:
                 strange = because(Why.CLOCK_AHEAD, seconds=ahead)
             elif boot < boot_before - _BEHIND_S:
                 strange = because(Why.CLOCK_BACK)
-        if not self._fits("time", strange):
+        if not self._fits(msgid, strange):
             return False
         self._last = max(boot, self._last[0]) if self._last else boot, now
         self._clock.add(now, boot)
@@ -225,10 +227,10 @@ class Identity:
         self._place = boot, place, velocity
         return True
 
-    def _fits(self, what: str, strange: Reason | None) -> bool:
+    def _fits(self, what: int | str, strange: Reason | None) -> bool:
         """Count the values in a row that do not fit. Return True if this one fits: there is no reason against it."""
         self._strange[what] = self._strange[what] + 1 if strange else 0
         if self._strange[what] >= _LASTING:
             self.why = self.why or strange
-        self.doubtful = any(self._strange.values())
+        self.doubtful = strange is not None or self._strange["place"] > 0
         return strange is None
