@@ -88,7 +88,9 @@ def altitude(clearance: float) -> Any:
 
 @pytest.mark.parametrize("message", [distance(240), rangefinder(2.4)])
 def test_a_rangefinder_measures_it_whatever_the_position_says(vehicle: Vehicle, message: Any) -> None:
-    assert vehicle.says(1.0, message).height(1.1, 7.0) == Height(pytest.approx(2.4), True, ground=pytest.approx(4.6))
+    assert vehicle.says(1.0, message).height(1.1, 7.0) == Height(
+        pytest.approx(2.4), True, ground=pytest.approx(4.6), still=True
+    )
     assert vehicle.height_sources() == ["rangefinder"]
     assert vehicle.height(1.2, 7.0).measured
     assert vehicle.height_sources() == []
@@ -388,7 +390,7 @@ def test_without_reports_it_climbs_back_to_the_take_off_height(report: Callable[
 @pytest.mark.parametrize("fall", [0.4, 0.8, -0.8])
 def test_with_a_rangefinder_it_flies_no_faster_than_it_can_follow_the_ground(fall: float) -> None:
     slope = Slope(fall, reach_m=7.0)
-    clear = slope.fly(75)
+    clear = slope.fly(80)
     assert min(clear) > 1.2  # of a slope that rises faster than it climbs
     assert max(clear) < 6.0
     assert abs(slope.north) > 30.0
@@ -464,6 +466,30 @@ def test_a_check_of_a_rangefinder_that_is_gone_does_not_hold_the_vehicle_for_eve
     assert height.metres == pytest.approx(3.0, abs=0.01)
     assert not height.measured
     assert not height.still
+
+
+def test_a_check_of_a_vehicle_that_never_rests_ends_the_search(vehicle: Vehicle) -> None:
+    vehicle.says(0.0, pressure(0.0)).arm()
+    for n in range(500):
+        t = 0.2 * n
+        vehicle.says(t, pressure(3.0), distance(round(300 + 4 * t)))
+        place, velocity = np.array([0.5 * t, 0.0, -3.0]), np.array([0.5, 0.0, 0.0])
+        height = vehicle.ground.height(t, VehicleState(t, place, velocity, (1.0, 0.0, 0.0, 0.0), 0.0))
+    assert height.doubt
+    assert disagreements(vehicle) == [("rangefinder", "vertical speed")]
+
+
+@pytest.mark.parametrize("off", [2.5, 5.0])
+@pytest.mark.parametrize("words", [[], [status(0), gps(1000)]])
+def test_a_rangefinder_that_is_off_from_the_start_is_known_by_the_altitude(
+    vehicle: Vehicle, off: float, words: list[Any]
+) -> None:
+    """Without a barometer."""
+    vehicle.says(0.0, *words).arm()
+    for n in range(100):
+        height = vehicle.says(0.2 * n, distance(round(300 + 100 * off)), *words).height(0.2 * n, 3.0)
+        assert height.metres == pytest.approx(3.0, abs=0.01)
+    assert height.doubt
 
 
 @pytest.mark.parametrize("change", [4.0, -2.0])
@@ -753,6 +779,24 @@ def test_an_altitude_that_is_wrong_hides_no_drift(vehicle: Vehicle, wrong: str, 
         above -= 0.2 * sinks
         assert above > 1.8
     assert height.doubt
+
+
+@pytest.mark.parametrize("noise_cm", [1.0, 4.0])
+@pytest.mark.parametrize("shown", [3.95, 4.1, 4.5, 5.5])
+def test_a_rangefinder_that_is_stuck_is_not_followed_down(vehicle: Vehicle, shown: float, noise_cm: float) -> None:
+    """Its values have noise. It seems to be above falling ground, which does not fall below a hover."""
+    keeper, noise = HeightKeeper(3.0, ignored), random.Random(1)
+    above, north, speed, sinks = shown, 0.0, 0.0, 0.0
+    vehicle.says(0.0, pressure(0.0)).arm()
+    for n in range(1, 400):
+        t = 0.2 * n
+        vehicle.says(t, pressure(above), distance(round(100 * shown + noise.gauss(0.0, noise_cm))))
+        place, velocity = np.array([north, 0.0, -above]), np.array([speed, 0.0, sinks])
+        height = vehicle.ground.height(t, VehicleState(t, place, velocity, (1.0, 0.0, 0.0, 0.0), 0.0))
+        sinks += (keeper.velocity(t, height) - sinks) * 0.5
+        speed += (keeper.pace - speed) * 0.4
+        above, north = above - 0.2 * sinks, north + 0.2 * speed
+        assert above > 1.8
 
 
 def test_a_drift_that_was_not_checked_yet_orders_no_flight_aside_on_the_ground(vehicle: Vehicle) -> None:

@@ -229,7 +229,7 @@ class Ground:
     ) -> float | None:
         """Return the rangefinder's height, checked; None without one."""
         sure, start = [name for name in altitudes if name != "GPS"], self._motion.start
-        if motion.time_s == start.time_s and "barometer" in sure and not self._plan.take_over:
+        if motion.time_s == start.time_s and not self._plan.take_over:
             self._range.begin(start, motion.climbed - max(altitudes[name] for name in sure), sure)
         _, x, y, _ = state.attitude
         level = 1 - 2 * (x * x + y * y)  # the cosine of the tilt
@@ -307,7 +307,9 @@ class Ground:
 _GAIN: Final = 1.0  # 1/s; k_z of the paper
 _CLIMB: Final = 1.0  # m/s
 _SINK: Final = 0.5
-_SLOWER_M: Final = (1.0, 3.0)  # above the wanted height: fly slower, and stop
+# Above the wanted height: fly slower, and stop. The check of a fall of the ground ends higher than that. So the descent
+# after it begins vertically, where a rangefinder that is stuck contradicts the vertical speed.
+_SLOWER_M: Final = (0.6, 0.9)
 _LEAST: Final = 0.5  # below this share of the wanted height the vehicle only climbs
 _CLEAR: Final = 0.75  # climb up to this share
 _RECOVERY_S: Final = 10.0  # limit of that climb; it begins again after each rise, and with a new margin

@@ -236,6 +236,7 @@ _HOVER_M_S: Final = 0.3
 _SETTLE_S: Final = 1.0  # from the stop until the hover counts
 _CHECK: Final = 0.8  # √s: duration of a check, over the root of the time since the last one; their errors add up so
 _LONGEST_S: Final = 8.0  # the largest duration
+_LATE_S: Final = 30.0  # a check that has not ended after this time has failed: the vehicle does not rest
 _SUNK_M: Final = 1.0  # climb or descent in that time: the vehicle does not hover
 _STEADY_M: Final = 0.1  # largest change of a steady height in that time
 
@@ -272,7 +273,7 @@ class DriftCheck:
         self.followed = 0.0
         self._tolerance = tolerance
         self._checked_s: float | None = None
-        self._moved_s = 0.0  # the end of the last motion
+        self._asked_s = self._moved_s = 0.0  # when the last check was due, and the end of the last motion
         self._hover: tuple[Odometry, float] | None = None  # motion and height at the start of the hover
         self._crept, self._checks = 0.0, 0  # sum of the changes in all checks that passed [m], and their number
 
@@ -287,7 +288,10 @@ class DriftCheck:
         fall = max(falls[name] - self.fallen[name] for name in falls)
         self.followed = min(fall, self._tolerance)
         lowest = height - (fall - self.followed)
-        self.still = self.still or height - lowest > _DRIFTED_M
+        if not self.still:
+            self.still, self._asked_s = height - lowest > _DRIFTED_M, motion.time_s
+        elif motion.time_s - self._asked_s > _LATE_S and not self.drifts:
+            self.drifts = height, lowest
         if not self.still or motion.speed > _HOVER_M_S:
             self._hover, self._moved_s = None, motion.time_s
         elif motion.time_s - self._moved_s < _SETTLE_S:
