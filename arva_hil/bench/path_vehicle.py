@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.mavlink.dialect import constructor
 from arva_hil.model.field import rotation
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.position import Home
@@ -17,9 +16,6 @@ from arva_hil.simulated.vehicle import Truth
 
 _HEARTBEAT_S: Final = 1.0
 _SAMPLE_HZ: Final = 1.0  # the lowest rate; a pose is too old after 2 s
-_HEARTBEAT: Final = constructor(dialect.MAVLINK_MSG_ID_HEARTBEAT)
-_ATTITUDE: Final = constructor(dialect.MAVLINK_MSG_ID_ATTITUDE)
-_POSITION: Final = constructor(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
 _FLIES: Final = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _KIND: Final = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, _FLIES, 4, dialect.MAV_STATE_ACTIVE, 3
 _STILL: Final = (0.0, 0.0, 0.0)
@@ -73,7 +69,7 @@ class PathVehicle:
         speeds = (max(-32767, min(round(v * 100), 32767)) for v in velocity)
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_S
-            messages.append(_HEARTBEAT(*_KIND))
+            messages.append(dialect.MAVLink_heartbeat_message(*_KIND))
         if now < self._start:
             home = self._home.lla(_STILL)
             where = round(home[0] * 1e7), round(home[1] * 1e7), round(home[2] * 1e3)
@@ -81,8 +77,10 @@ class PathVehicle:
                 dialect.MAVLink_home_position_message(*where, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
             )
         messages += [
-            _POSITION(boot_ms, *place, *speeds, round(math.degrees(yaw) * 100) % 36000),
-            _ATTITUDE(boot_ms, 0.0, 0.0, yaw, *_STILL),
+            dialect.MAVLink_global_position_int_message(
+                boot_ms, *place, *speeds, round(math.degrees(yaw) * 100) % 36000
+            ),
+            dialect.MAVLink_attitude_message(boot_ms, 0.0, 0.0, yaw, *_STILL),
         ]
         self._plan(now)
         return b"".join(map(self._encoder.pack, messages))

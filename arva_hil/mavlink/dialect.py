@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, Literal, NamedTuple, cast
 
 from fastcrc import crc16
@@ -123,9 +123,6 @@ class Layout:
         self._kind = type(kind.__name__, (kind,), shared)
         self._struct: struct.Struct = kind.unpacker
         self._names: Sequence[str] = kind.ordered_fieldnames
-        self._fields: Sequence[str] = kind.fieldnames
-        defaults = kind.__init__.__defaults__ or ()
-        self._defaults = (None,) * (len(self._fields) - len(defaults)) + defaults
         self._arrays = [(at, n) for at, n in enumerate(kind.lengths) if n > 1]
 
     def message(self, payload: bytes) -> Any:
@@ -141,12 +138,6 @@ class Layout:
         message.__dict__ = dict(zip(self._names, values, strict=True))
         return message
 
-    def make(self, *values: Any) -> Any:
-        """Return a message with these fields, in the order of pymavlink's constructor; the last ones have defaults."""
-        message: Any = object.__new__(self._kind)
-        message.__dict__.update(zip(self._fields, values + self._defaults[len(values) :], strict=True))
-        return message
-
     def payload(self, message: Any) -> bytes:
         """Return the complete payload. Raises struct.error for a number that does not fit, or a short array."""
         values = [getattr(message, name) for name in self._names]
@@ -159,13 +150,6 @@ class Layout:
 def layout_of(msgid: int) -> Layout | None:
     """Return the layout of a kind of message; None if it has text."""
     return None if "char" in ardupilotmega.mavlink_map[msgid].fieldtypes else Layout(msgid)
-
-
-def constructor(msgid: int) -> Callable[..., Any]:
-    """Return a function like the constructor of pymavlink's class, in half of the time. Not for messages with text."""
-    layout = layout_of(msgid)
-    assert layout is not None
-    return layout.make
 
 
 CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in ardupilotmega.mavlink_map.items()}

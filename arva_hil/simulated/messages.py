@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 from arva_hil.mavlink.codec import dialect
-from arva_hil.mavlink.dialect import constructor
 from arva_hil.simulated.autopilot import Mode, SetPoint, SimulatedAutopilot
 from arva_hil.simulated.multirotor import Motion, Multirotor, Vector
 from arva_hil.simulated.position import Home
@@ -31,16 +30,6 @@ class VehicleReport(NamedTuple):
     pilot: SimulatedAutopilot
     home: Home
     sensors: int  # of `SENSORS`
-
-
-# of the messages that are sent often
-_of_heartbeat: Final = constructor(dialect.MAVLINK_MSG_ID_HEARTBEAT)
-_of_attitude: Final = constructor(dialect.MAVLINK_MSG_ID_ATTITUDE)
-_of_position: Final = constructor(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-_of_pressure: Final = constructor(dialect.MAVLINK_MSG_ID_SCALED_PRESSURE)
-_of_distance: Final = constructor(dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR)
-_of_channels: Final = constructor(dialect.MAVLINK_MSG_ID_RC_CHANNELS)
-_of_simulator: Final = constructor(dialect.MAVLINK_MSG_ID_SIM_STATE)
 
 
 def read_set_point(m: Message, motion: Multirotor) -> SetPoint | None:
@@ -82,7 +71,7 @@ def _heartbeat(r: VehicleReport) -> Message:
         mode |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
     state = dialect.MAV_STATE_STANDBY if r.pilot.landed else dialect.MAV_STATE_ACTIVE
     kind = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
-    return _of_heartbeat(*kind, mode, r.pilot.mode, state, 3)
+    return dialect.MAVLink_heartbeat_message(*kind, mode, r.pilot.mode, state, 3)
 
 
 def _sys_status(r: VehicleReport) -> Message:
@@ -113,12 +102,14 @@ def _local_position_ned(r: VehicleReport) -> Message | None:
 
 def _global_position_int(r: VehicleReport) -> Message:
     if not r.pilot.ready:
-        return _of_position(r.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
+        return dialect.MAVLink_global_position_int_message(r.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
     lat, lon, alt = r.home.lla_fast(r.position)
     vn, ve, vd = r.motion.velocity
     place = round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), round((alt - r.home.alt_m) * 1e3)
     heading = round(math.degrees(_yaw(r.motion)) * 100) % 36000
-    return _of_position(r.boot_ms, *place, round(vn * 100), round(ve * 100), round(vd * 100), heading)
+    return dialect.MAVLink_global_position_int_message(
+        r.boot_ms, *place, round(vn * 100), round(ve * 100), round(vd * 100), heading
+    )
 
 
 def _scaled_pressure(r: VehicleReport) -> Message | None:
@@ -127,7 +118,7 @@ def _scaled_pressure(r: VehicleReport) -> Message | None:
         return None
     altitude = r.home.alt_m - r.motion.position[2]
     hpa = 1013.25 * max(1 - 2.25577e-5 * altitude, 1e-3) ** 5.25588
-    return _of_pressure(r.boot_ms, hpa, 0.0, 2000)
+    return dialect.MAVLink_scaled_pressure_message(r.boot_ms, hpa, 0.0, 2000)
 
 
 def _distance_sensor(r: VehicleReport) -> Message | None:
@@ -136,7 +127,7 @@ def _distance_sensor(r: VehicleReport) -> Message | None:
         return None
     height = min(round(-r.motion.position[2] * 100), _RANGE_CM)
     down = dialect.MAV_SENSOR_ROTATION_PITCH_270
-    return _of_distance(r.boot_ms, 0, _RANGE_CM, height, 0, 0, down, 0)
+    return dialect.MAVLink_distance_sensor_message(r.boot_ms, 0, _RANGE_CM, height, 0, 0, down, 0)
 
 
 def _home_position(r: VehicleReport) -> Message | None:
@@ -181,7 +172,7 @@ def _sim_state(r: VehicleReport) -> Message:
     motion, place = r.motion, r.home.lla_fast(r.motion.position)
     pose = *motion.quaternion, *_roll_pitch(motion), _yaw(motion)
     moving = *_NOTHING, *motion.rates, *place, 0.0, 0.0, *motion.velocity
-    return _of_simulator(*pose, *moving, *_place(place)[:2])
+    return dialect.MAVLink_sim_state_message(*pose, *moving, *_place(place)[:2])
 
 
 def _place(lla: Vector) -> tuple[int, int, int]:
@@ -206,7 +197,7 @@ BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw_int,
-    dialect.MAVLINK_MSG_ID_ATTITUDE: lambda r: _of_attitude(
+    dialect.MAVLINK_MSG_ID_ATTITUDE: lambda r: dialect.MAVLink_attitude_message(
         r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates
     ),
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: lambda r: dialect.MAVLink_attitude_quaternion_message(
@@ -221,7 +212,7 @@ BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
     dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
-    dialect.MAVLINK_MSG_ID_RC_CHANNELS: lambda r: _of_channels(
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: lambda r: dialect.MAVLink_rc_channels_message(
         r.boot_ms, 4, *r.pilot.sticks, *[0xFFFF] * 14, 255
     ),  # 14 channels are not used
     dialect.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
 
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
-from arva_hil.mavlink.dialect import constructor
 from tests.every import every
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
@@ -424,20 +423,6 @@ def test_every_message_there_is_is_written_as_pymavlink_does(msgid: int) -> None
         message = decode(found)
         assert ours.pack(message) == message.pack(theirs)
         theirs.seq += 1
-
-
-@every("msgid", [msgid for msgid in KNOWN if "char" not in dialect.mavlink_map[msgid].fieldtypes])
-def test_a_message_made_of_its_fields_is_pymavlinks(msgid: int) -> None:
-    """With all of them, and with those alone that have no default."""
-    kind = dialect.mavlink_map[msgid]
-    (found,), _ = parse(packet(msgid, bytes((7 * i + 1) % 120 for i in range(kind.unpacker.size))))
-    message = decode(found)
-    fields = [getattr(message, name) for name in kind.fieldnames]
-    for told in (fields, fields[: len(fields) - len(kind.__init__.__defaults__ or ())]):
-        ours, theirs = constructor(msgid)(*told), kind(*told)
-        assert isinstance(ours, kind)
-        assert ours.to_dict() == theirs.to_dict()
-        assert Encoder(1, 1).pack(ours) == theirs.pack(dialect.MAVLink(None, 1, 1))
 
 
 def test_of_an_array_that_is_too_long_the_rest_is_left_out() -> None:
