@@ -18,7 +18,6 @@ from arva_hil.mavlink.dialect import (
     Packet,
     command,
     decode,
-    layout_of,
     length_v1,
     tunnel,
     untunnel,
@@ -28,7 +27,6 @@ from arva_hil.mavlink.signing import Signing
 
 __all__ = ["RESULTS", "Encoder", "Message", "Packet", "Parser", "command", "decode", "dialect", "tunnel", "untunnel"]
 
-_COVERED_V2: Final = struct.Struct("<BBBBBBHB")  # without magic: length, two flags, sequence number, ids, message id
 _U16: Final = struct.Struct("<H")
 
 RESULTS: Final[dict[int, str]] = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
@@ -54,28 +52,17 @@ class Encoder:
         """Return the bytes of one packet. Raises ValueError if a value does not fit; long text is cut."""
         msgid = type(message).id  # some messages have a field `id`
         first = self.version == 1 and msgid <= 255
-        layout = None if first or self._signing else layout_of(msgid)
         codec = self._codec
+        codec.srcSystem = self.system
+        codec.signing.sign_outgoing = self._signing is not None and not first
+        if self._signing and not first:
+            codec.signing.timestamp = self._signing.stamp()
         try:
-            if layout:  # MAVLink 2 leaves out zeros at the end, but keeps one byte
-                payload = layout.payload(message).rstrip(b"\0") or b"\0"
-                low, high, source = msgid & 0xFFFF, msgid >> 16, self.component
-                covered = _COVERED_V2.pack(len(payload), 0, 0, codec.seq, self.system, source, low, high) + payload
-                raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + CRC_EXTRA[msgid]))
-            else:
-                raw = self._packed(message, first=first)
+            raw = message.pack(codec, force_mavlink1=first)
         except (struct.error, OverflowError, IndexError, dialect.MAVError) as error:
             raise ValueError(f"{message.get_type()}: {error}") from error
         codec.seq = (codec.seq + 1) % 256
-        return _without_extensions(raw, msgid) if first else raw
-
-    def _packed(self, message: Message, *, first: bool) -> bytes:
-        """Return a packet by pymavlink, in three times the time: as MAVLink 1 (`first`), signed, or with text."""
-        signing, self._codec.srcSystem = self._codec.signing, self.system
-        if self._signing and not first:
-            signing.timestamp = self._signing.stamp()
-        signing.sign_outgoing = self._signing is not None and not first
-        return bytes(message.pack(self._codec, force_mavlink1=first))
+        return _without_extensions(raw, msgid) if first else bytes(raw)
 
 
 def _without_extensions(raw: bytes, msgid: int) -> bytes:
