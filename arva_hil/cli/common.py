@@ -46,14 +46,9 @@ from arva_hil.runtime.loop import Task, run
 from arva_hil.safe_text import shown
 
 
-def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
-    """Return the scenario file or the default, with the changes of environment and command line.
-
-    `fleet`: the command supports `vehicles` in the scenario, whose receivers have their own rate, format and seed.
-    """
+def scenario(options: argparse.Namespace) -> Scenario:
+    """Return the scenario file or the default, with the changes of environment and command line."""
     base = load(options.scenario) if options.scenario else DEFAULT
-    if base.vehicles and not fleet:
-        raise UsageError(f"{base.source}: vehicles: this command does not support that part of spec 2 yet")
     if base.vehicles:
         for option in ("rate", "format", "seed"):
             if getattr(options, option) is not None:

@@ -89,7 +89,7 @@ _COMMENT_AT: Final = 42  # the column of comments, where values leave room for i
 
 
 def main(options: argparse.Namespace) -> None:
-    chosen = common.scenario(options, fleet=True)
+    chosen = common.scenario(options)
     origins = Origins(options, chosen)
     if options.json:
         show_json(

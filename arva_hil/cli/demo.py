@@ -105,7 +105,7 @@ _TOLD: Final = (TransmitterChosen, PlaceFound, SearchEnded)  # of a team
 
 
 def main(options: argparse.Namespace) -> int:
-    chosen = common.scenario(options, fleet=True)
+    chosen = common.scenario(options)
     if options.web is None and not options.headless:
         options.web = HostPort()
     team = bool(chosen.vehicles) or options.count is not None

@@ -31,7 +31,7 @@ _BAR_STEP_BYTES = 1 << 16
 
 def main(options: argparse.Namespace) -> int:
     _check(options)
-    chosen = common.scenario(options, fleet=True)
+    chosen = common.scenario(options)
     vehicles = _vehicles(options, chosen)
     with ExitStack() as stack:
         try:

@@ -22,7 +22,7 @@ from arva_hil.runtime.loop import Task, run
 
 
 def main(options: argparse.Namespace) -> int:
-    chosen = common.scenario(options, fleet=True)
+    chosen = common.scenario(options)
     sides = chosen_sides(options, chosen)
     _allow_files()
     clock = RealClock()
