@@ -6,7 +6,6 @@ import contextlib
 import glob
 import os
 import stat
-import sys
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
@@ -65,20 +64,6 @@ def accepted(port: int) -> bool | None:
     ours = {row.near for row in rows if row.far == port and f"socket:[{row.inode}]" in own}
     theirs = [row for row in rows if row.near == port and row.far in ours]
     return all(row.inode != "0" for row in theirs) if theirs else None
-
-
-def unread(device: str) -> int:
-    """Return the number of unread bytes in a terminal; 0 if it is not known."""
-    with contextlib.suppress(ImportError, OSError):
-        import fcntl
-        import termios
-
-        fd = os.open(device, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
-        try:
-            return int.from_bytes(fcntl.ioctl(fd, termios.FIONREAD, bytes(4)), sys.byteorder)
-        finally:
-            os.close(fd)
-    return 0
 
 
 def _shown(wanted: Callable[[str], bool]) -> list[str]:

@@ -136,11 +136,13 @@ class PtyLink(FdLink):
         return super().write(data)
 
     def unread(self) -> int:
-        """Return the number of bytes that the other program has not read."""
+        """Return the number of bytes that the other program has not read; 0 after a hang-up."""
         import fcntl
         import termios
 
-        return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)
+        with contextlib.suppress(OSError):
+            return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)
+        return 0
 
     def _receive(self) -> bytes:
         try:

@@ -20,7 +20,7 @@ from arva_hil.events.vehicles import StreamEvent
 from arva_hil.events.words.reasons import request
 from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
-from arva_hil.links.processes import far_program, holders, unread
+from arva_hil.links.processes import far_program, holders
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Packet, decode, dialect
 from firmware_proto import Frame
@@ -226,7 +226,7 @@ class PortProbe:
             traffic.name = self._out.symlink or self._out.path
             own = str(os.getpid())
             traffic.seen = [who for who in holders(self._out.path) if who.split()[0] != own]
-            traffic.unread = unread(self._out.path)
+            traffic.unread = self._out.unread()
         elif self._address and traffic.kind == "serial" and (program := far_program(self._address.path)):
             traffic.seen = [program]
         traffic.refused = self._out is not None and self._out.refusals > self._refusals
