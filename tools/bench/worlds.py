@@ -10,7 +10,6 @@ and of the vector from the drone to the place at the end of the search. Median, 
 
 from __future__ import annotations
 
-import argparse
 import math
 import random
 from collections import Counter
@@ -36,6 +35,7 @@ from arva_hil.runtime.loop import run
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import sigma_of
 from arva_hil.simulated.closed_loop import ClosedLoop
+from tools.options import parser
 
 _LIMIT_S: Final = 900.0
 _STEP_S: Final = 0.5  # of the walks
@@ -290,14 +290,16 @@ def spread(errors: Sequence[float], sigmas: Sequence[float | None]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("worlds", nargs="*", default=list(WORLDS))
-    parser.add_argument("--runs", type=int, default=12)
-    parser.add_argument("--first", type=int, default=1, help="seed")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--strategy", default="estimate")
-    parser.add_argument("--verbose", action="store_true", help="print every run")
-    options = parser.parse_args()
+    made = parser(
+        __doc__,
+        runs=(12, "searches in each world"),
+        first=(1, "seed of the first"),
+        jobs=(2, "at a time"),
+        strategy=("estimate", "of the search"),
+        verbose=(False, "print every run"),
+    )
+    made.add_argument("worlds", nargs="*", default=list(WORLDS))
+    options = made.parse_args()
     with ProcessPoolExecutor(options.jobs) as workers:
         seeds = range(options.first, options.first + options.runs)
         every = {name: [workers.submit(fly, name, seed, options.strategy) for seed in seeds] for name in options.worlds}
@@ -307,7 +309,3 @@ def main() -> None:
                 for one in flown:
                     print("  ", *(f"{value:.3f}" if isinstance(value, float) else value for value in one))
             print(line(name, flown), flush=True)
-
-
-if __name__ == "__main__":
-    main()

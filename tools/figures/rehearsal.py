@@ -47,10 +47,10 @@ def mission(reach_m: float = 25.0, height_m: float = 4.0, speed: float = 2.0) ->
     """A pass each way, north and east, at two heights, each with another heading, and a slow turn at two places."""
     points = [Waypoint(0.0, -reach_m, 0.0, -height_m, 0.0)]
 
-    def to(north: float, east: float, height: float, heading: float, seconds: float | None = None) -> None:
+    def to(north: float, east: float, height: float, heading: float) -> None:
         last = points[-1]
         far = math.dist((last.north, last.east, last.down), (north, east, -height))
-        time_s = last.time_s + max(seconds or far / speed, abs(heading - last.heading_deg) / 20, 0.5)
+        time_s = last.time_s + max(far / speed, abs(heading - last.heading_deg) / 20, 0.5)
         points.append(Waypoint(time_s, north, east, -height, heading))
 
     for height in height_m, height_m + 4:

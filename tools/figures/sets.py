@@ -100,6 +100,7 @@ class Hovering:
 Array = NDArray[np.float64]
 
 KAPPA_EQ: Final = 1.542
+_MINUTE_S: Final = 60.0
 AXIS: Final = (1.0, 0.0, 0.0)
 EQUATOR: Final = (0.0, 1.0, 0.0)
 
@@ -141,10 +142,10 @@ class Spread(NamedTuple):
     direction_deg: float
 
 
-def shown_at(signal: Sequence[float], sigma_na_m: float, threshold_na_m: float, pulses: int, seed: int = 1) -> Spread:
+def shown_at(signal: Sequence[float], sigma_na_m: float, threshold_na_m: float, pulses: int) -> Spread:
     """Return the displayed values of pulses with noise. `signal`: at the antennas, in reference transmitters."""
     chosen = options(noise_na_m=sigma_na_m, threshold_na_m=threshold_na_m)
-    display, draws = Display(chosen, KAPPA_EQ), normals(seed)
+    display, draws = Display(chosen, KAPPA_EQ), normals(1)
     sigma = sigma_na_m / chosen.scale_na_m
     every = []
     for _ in range(pulses):
@@ -193,13 +194,13 @@ def _touched(starts: Array, others: Array, pulse_s: float) -> NDArray[np.bool_]:
     return touched
 
 
-def _stays(starts: Array, touched: NDArray[np.bool_], seconds: float = 60.0) -> bool:
-    """Return True if there is a run of touched pulses of this duration."""
+def _stays(starts: Array, touched: NDArray[np.bool_]) -> bool:
+    """Return True if there is a run of touched pulses of a minute."""
     period_s = (starts[-1] - starts[0]) / (len(starts) - 1)
-    if touched.sum() * period_s < seconds:
+    if touched.sum() * period_s < _MINUTE_S:
         return False
     edges = np.flatnonzero(np.diff(np.concatenate([[False], touched, [False]]).astype(np.int8)))
-    return bool((edges[1::2] - edges[::2]).max() * period_s >= seconds)
+    return bool((edges[1::2] - edges[::2]).max() * period_s >= _MINUTE_S)
 
 
 def novice(seed: int) -> int:
