@@ -8,7 +8,7 @@ found a closed route, and a point with a signal has d in metres as an extension,
 from __future__ import annotations
 
 from functools import partial
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 import jinja2
 
@@ -17,16 +17,6 @@ from arva_hil.records.exports.tracks import marks, moment, plain_rows, tracks
 from arva_hil.records.pictures.style import look_of
 from arva_hil.records.reading import Recording
 from arva_hil.safe_text import one_line
-
-
-def write_gpx(recording: Recording, out: BinaryIO) -> None:
-    """Write a record as GPX."""
-    _write("gpx.xml", recording, out)
-
-
-def write_kml(recording: Recording, out: BinaryIO) -> None:
-    """Write a record as KML."""
-    _write("kml.xml", recording, out)
 
 
 def _write(template: str, recording: Recording, out: BinaryIO) -> None:
@@ -54,3 +44,7 @@ def _colour(id_: int) -> str:
     """Return a transmitter's colour of all pictures, in the order of KML."""
     red, green, blue = (look_of(id_)[0][i : i + 2] for i in (1, 3, 5))
     return f"ff{blue}{green}{red}"
+
+
+write_gpx: Final = partial(_write, "gpx.xml")
+write_kml: Final = partial(_write, "kml.xml")
