@@ -18,13 +18,13 @@ from arva_hil.events.words.text import in_metres
 from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading import RecordedPlace, RecordedReceiver, RecordedSearch, Recording
+from arva_hil.records.reading.search import PROBABILITY
 from arva_hil.records.writing import layout
 from arva_hil.search.strategies.strategy import sigma_of
 
 Lla = tuple[float, float, float]
 
 _BATCH: Final = 4096  # rows
-PROBABILITY: Final = 0.95  # of the transmitter inside the ellipse
 
 
 class FlightTrack(NamedTuple):
@@ -136,10 +136,10 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: 
         return
     alt = search.origin[2] - (found.down or 0.0) if search.origin else 0.0
     there = LocalFrame(*found.lat_lon, alt)
-    outline = [(north - found.north, east - found.east, 0.0) for north, east in found.outline(PROBABILITY)]
+    outline = [(north - found.north, east - found.east, 0.0) for north, east in found.outline()]
     edge = np.stack(there.lla(outline), axis=-1)[:, :2].tolist() if outline else []
     about = f"{order}{search.how}; no uncertainty is known"
-    if ellipse := found.ellipse(PROBABILITY):
+    if ellipse := found.ellipse():
         major, minor, bearing = ellipse
         about = (
             f"{order}{search.how}; on Earth {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × "

@@ -34,6 +34,20 @@ from arva_hil.records.writing.search_log import OUTCOME, TRACK
 _NUMBERS: Final = "time_s north_m east_m down_m heading_deg v_north v_east v_down id d_cm delta_deg zone".split()
 _MOST_PHASES: Final = 64
 _POINTS: Final = 48  # of an ellipse
+PROBABILITY: Final = 0.95  # of the transmitter inside the ellipse
+_SIGMAS: Final = math.sqrt(-2 * math.log(1 - PROBABILITY))  # to its edge
+
+
+def ellipse_of(covariance: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the ellipse that contains the transmitter with PROBABILITY, for normal errors.
+
+    `covariance`: of north and east, m² (nn, ne, ee). Semi-major and semi-minor axis [m], and the bearing of the major
+    axis from north [rad].
+    """
+    nn, ne, ee = covariance
+    values, vectors = np.linalg.eigh([[nn, ne], [ne, ee]])
+    minor, major = (_SIGMAS * math.sqrt(max(float(value), 0.0)) for value in values)
+    return major, minor, math.atan2(vectors[1, 1], vectors[0, 1])
 
 
 @dataclass(frozen=True)
@@ -59,28 +73,22 @@ class RecordedPlace:
     autopilot_sigma_m: float | None = None
     time_s: float | None = None
 
-    def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
-        """Return the ellipse on Earth that contains the transmitter with this probability, for normal errors.
+    def ellipse(self) -> tuple[float, float, float] | None:
+        """Return the ellipse on Earth, see `ellipse_of`; None without a covariance.
 
-        Semi-major and semi-minor axis [m], and the bearing of the major axis from north [rad]; None without a
-        covariance. In old logs it is without the error of the drone's own position.
+        In old logs it is without the error of the drone's own position.
         """
-        if (covariance := self.earth_covariance or self.covariance) is None:
-            return None
-        nn, ne, ee = covariance
-        values, vectors = np.linalg.eigh([[nn, ne], [ne, ee]])
-        size = math.sqrt(-2 * math.log(1 - probability))
-        minor, major = (size * math.sqrt(max(float(value), 0.0)) for value in values)
-        return major, minor, math.atan2(vectors[1, 1], vectors[0, 1])
+        covariance = self.earth_covariance or self.covariance
+        return None if covariance is None else ellipse_of(covariance)
 
     @property
     def unknown(self) -> str:
         """Words after the uncertainty on Earth if the autopilot does not report its accuracy, else ""."""
         return unless_reported(self.autopilot_sigma_m) if self.earth_covariance else ""
 
-    def outline(self, probability: float = 0.95) -> list[tuple[float, float]]:
+    def outline(self) -> list[tuple[float, float]]:
         """Return that area's edge as (north, east), metres from the take-off point, closed; empty if unknown."""
-        if (ellipse := self.ellipse(probability)) is None:
+        if (ellipse := self.ellipse()) is None:
             return []
         major, minor, bearing = ellipse
         cos, sin = math.cos(bearing), math.sin(bearing)

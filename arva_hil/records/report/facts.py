@@ -144,8 +144,8 @@ def _frames(receiver: RecordedReceiver) -> Iterator[tuple[str, str]]:
     span_s = float(receiver.time_s[-1] - receiver.time_s[0])
     if count > 1 and span_s > 0:
         yield "rate", f"{(count - 1) / span_s:.3g} Hz"
-    yield "lateness", _percentiles(receiver.late_ms, "ms")
-    yield "age of the pose", _percentiles(receiver.pose_age_ms, "ms")
+    yield "lateness", _percentiles(receiver.late_ms)
+    yield "age of the pose", _percentiles(receiver.pose_age_ms)
     blind = int((~np.isfinite(receiver.position).all(axis=1)).sum())
     yield "without a pose", f"{blind} ({blind / count:.1%})"
     for id_ in receiver.ids[:_MOST_IDS]:
@@ -160,12 +160,12 @@ def _frames(receiver: RecordedReceiver) -> Iterator[tuple[str, str]]:
         yield f"transmitter {id_} heard", words
 
 
-def _percentiles(values: NDArray[np.float64], unit: str) -> str:
+def _percentiles(times_ms: NDArray[np.float64]) -> str:
     """Return median, 90 %, 99 % and worst."""
-    known = values[np.isfinite(values)]
+    known = times_ms[np.isfinite(times_ms)]
     if not len(known):
         return "not recorded"
-    return " / ".join(_plain(value, 3) for value in np.percentile(known, [50, 90, 99, 100])) + f" {unit}"
+    return " / ".join(_plain(value, 3) for value in np.percentile(known, [50, 90, 99, 100])) + " ms"
 
 
 def _faults(recording: Recording) -> Iterator[tuple[str, str]]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arva_hil.model.field import LocalFrame, rotation
+from arva_hil.records.reading.search import ellipse_of
 from arva_hil.records.ros_messages import types as ros
 from arva_hil.records.ros_messages.types import ColorRGBA, Header, Marker, Point, Pose, Quaternion, Transform, Vector3
 
@@ -76,7 +77,6 @@ _COLOURS: Final = (  # of Okabe and Ito: colour-blind people can distinguish the
 )
 _DIPOLE_M: Final = 2.0  # the length in the drawing
 _FIELD_M: Final = 1.0
-_CHI_95: Final = math.sqrt(-2 * math.log(1 - 0.95))  # sigmas to the edge of the area with a probability of 95 %
 
 
 _NO_BYTES: Final = np.zeros(0, np.uint8)
@@ -160,13 +160,10 @@ def ellipse(header: Header, ns: str, at: Point, covariance: tuple[float, float, 
 
     `covariance`: of north and east [m²], (nn, ne, ee).
     """
-    nn, ne, ee = covariance
-    mean, half = (nn + ee) / 2, math.hypot((nn - ee) / 2, ne)
-    long, short = (2 * _CHI_95 * math.sqrt(max(variance, 0.0)) for variance in (mean + half, mean - half))
-    bearing = math.atan2(2 * ne, nn - ee) / 2  # of the long axis, clockwise from north
+    major, minor, bearing = ellipse_of(covariance)
     yaw = math.pi / 2 - bearing  # anticlockwise from east
     turned = Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-    size = Vector3(max(long, 0.01), max(short, 0.01), 0.02)
+    size = Vector3(max(2 * major, 0.01), max(2 * minor, 0.01), 0.02)
     return _marker(header, ns, 0, Marker.CYLINDER, Pose(at, turned), size, colour(6, 0.4))
 
 
