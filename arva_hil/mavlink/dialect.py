@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import struct
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any, Final, Literal, NamedTuple, cast
 
 from fastcrc import crc16
@@ -37,9 +38,9 @@ def _lacking(msgid: int, name: str, crc_extra: int, fields: str) -> Any:
         vars(self).update(zip(names, values, strict=True))
 
     def pack(self: Any, mav: Any, force_mavlink1: bool = False) -> bytes:
-        layout = layout_of(msgid)
-        assert layout is not None
-        return cast(bytes, self._pack(mav, crc_extra, layout.payload(self), force_mavlink1=force_mavlink1))
+        values = (getattr(self, field) for _, field, _ in ordered)
+        numbers = chain.from_iterable(value if isinstance(value, list) else [value] for value in values)
+        return cast(bytes, self._pack(mav, crc_extra, self.unpacker.pack(*numbers), force_mavlink1=force_mavlink1))
 
     body = {"id": msgid, "msgname": name, "name": name, "crc_extra": crc_extra, "__init__": init, "pack": pack}
     body |= {key: {} for key in ("fielddisplays_by_name", "fieldenums_by_name", "fieldunits_by_name")}
@@ -137,13 +138,6 @@ class Layout:
         message: Any = object.__new__(self._kind)
         message.__dict__ = dict(zip(self._names, values, strict=True))
         return message
-
-    def payload(self, message: Any) -> bytes:
-        """Return the complete payload. Raises struct.error for a number that does not fit, or a short array."""
-        values = [getattr(message, name) for name in self._names]
-        for at, n in reversed(self._arrays):
-            values[at : at + 1] = values[at][:n]
-        return self._struct.pack(*values)
 
 
 @functools.cache
