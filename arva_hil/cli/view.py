@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
-import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -66,23 +65,17 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
 
 def serve(address: HostPort, state: RecordedState) -> Server:
     """Return the page of a record; every request has its time. Raises WebError."""
-    lock = threading.Lock()
 
     def state_json(query: Mapping[str, str], client: int) -> bytes:
         since = query.get("since", "")
-        with lock:
-            state.show(_seconds(query.get("at", "")))
-            return state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
-
-    def field_json(query: Mapping[str, str], client: int) -> bytes:
-        with lock:
-            return state.field()
+        state.show(_seconds(query.get("at", "")))
+        return state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
 
     return Server(
         address,
         {
             "/state.json": state_json,
-            "/field.json": field_json,
+            "/field.json": lambda query, client: state.field(),
             "/timeline.json": lambda query, client: state.time_line(),
             "/background.png": lambda query, client: state.background(),
         },
