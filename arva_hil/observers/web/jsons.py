@@ -23,11 +23,6 @@ def number(value: float | None, digits: int = 3) -> str:
     return repr(round(value, digits)) if digits else str(round(value))
 
 
-def numbers(values: Iterable[float | None], digits: int = 3) -> str:
-    """Return a list of numbers as JSON."""
-    return "[" + ",".join([number(value, digits) for value in values]) + "]"
-
-
 def text(value: object) -> str:
     """Return a string as JSON on one line, without characters that have a meaning in HTML."""
     return dump(one_line(value))

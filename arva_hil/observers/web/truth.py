@@ -134,15 +134,11 @@ def _text(there: Transmitters, owners: list[list[str]]) -> str:
     """Return a list of objects: id, place and axis of the dipole, NED, strength, and vehicles that may receive it."""
     columns = zip(
         there.ids,
-        there.positions.tolist(),
-        there.rotations[:, :, 0].tolist(),
-        there.strengths.tolist(),
+        there.positions.round(3).tolist(),
+        there.rotations[:, :, 0].round(3).tolist(),
+        there.strengths.round(3).tolist(),
         owners,
         strict=True,
     )
-    every = (
-        f'{{"id":{id_},"place":{jsons.numbers(place)},"axis":{jsons.numbers(axis)},"strength":{jsons.number(strength)},'
-        f'"of":{jsons.dump(of)}}}'
-        for id_, place, axis, strength, of in columns
-    )
-    return "[" + ",".join(every) + "]"
+    names = ("id", "place", "axis", "strength", "of")
+    return jsons.dump([dict(zip(names, one, strict=True)) for one in columns])
