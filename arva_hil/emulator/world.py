@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from operator import attrgetter
 from typing import Final, NamedTuple
 
 from arva_hil.autopilot.following.navigation import Navigation, VehicleState
@@ -151,9 +150,6 @@ class PlacedTransmitters:
         self.present = moving_transmitters(self._scenario, frame, heights)
 
 
-_MSGID: Final = attrgetter("msgid")
-
-
 class VehicleWorld:
     """Remembers one vehicle's datum, its true state, its motors' load, and the transmitters around it.
 
@@ -187,7 +183,7 @@ class VehicleWorld:
         events = [*received.events]
         for part in self._observing:
             events += part.observe(received, now)
-        moves = not MOVE_DATUM.isdisjoint(map(_MSGID, received.own))
+        moves = MOVE_DATUM & {packet.msgid for packet in received.own}
         if moves and self.datum.update(self._session, now):
             assert self.datum.frame is not None
             self._transmitters.place(self.datum.frame)

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.navigation import offset_m
 from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events.searches import Doubt
 from arva_hil.mavlink.codec import command, dialect
-from arva_hil.model.field import LocalFrame
 
 _AGAIN_S: Final = 0.5
 _TRIES: Final = 4
@@ -173,8 +173,5 @@ class SimulatorCheck:
         return self._session.encoder.pack(ask)
 
     def _is_near(self, lat: float, lon: float) -> bool:
-        place = self._session.navigation.track.last_position
-        if place is None:
-            return False
-        north, east, _ = LocalFrame(place.lat, place.lon, place.alt).ned(lat, lon, place.alt)
-        return math.hypot(north, east) < _NEAR_M
+        last = self._session.navigation.track.last_position
+        return last is not None and math.hypot(*offset_m(last.place, (lat, lon, last.alt))) < _NEAR_M
