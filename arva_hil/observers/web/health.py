@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 from arva_hil import events
@@ -65,17 +66,10 @@ def _gps(raw: Any) -> Check:
     return Check("warn" if few else "good", "GPS", value, "positions may jump: wait for more satellites" if few else "")
 
 
-def _ardupilots_estimator(report: Any) -> Check:
-    return _estimator(report.flags, report.velocity_variance, report.pos_horiz_variance, report.compass_variance)
-
-
-def _px4s_estimator(status: Any) -> Check:
-    return _estimator(status.flags, status.vel_ratio, status.pos_horiz_ratio, status.mag_ratio)
-
-
-def _estimator(flags: int, velocity: float, position: float, compass: float) -> Check:
-    ratios = {"velocity": velocity, "position": position, "compass": compass}
-    if not flags & _ABSOLUTE:
+def _estimator(fields: Mapping[str, str], status: Any) -> Check:
+    """Judge the estimator. `fields`: of the ratio of each of its sources."""
+    ratios: dict[str, float] = {source: getattr(status, field) for source, field in fields.items()}
+    if not status.flags & _ABSOLUTE:
         return Check("bad", "EKF", "no position", _NO_PLACE)
     worst = max(ratios, key=lambda name: ratios[name])
     if ratios[worst] >= _WRONG:
@@ -88,8 +82,13 @@ CHECKS: Final[Mapping[int, Callable[[Any], Check | None]]] = {  # by message id,
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _mode,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _battery,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps,
-    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ardupilots_estimator,
-    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _px4s_estimator,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: partial(
+        _estimator,
+        {"velocity": "velocity_variance", "position": "pos_horiz_variance", "compass": "compass_variance"},
+    ),
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: partial(
+        _estimator, {"velocity": "vel_ratio", "position": "pos_horiz_ratio", "compass": "mag_ratio"}
+    ),
 }
 
 
