@@ -10,6 +10,7 @@ import contextlib
 import csv
 import io
 import math
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -131,7 +132,7 @@ class Results:
         self.path = folder / NAME
         for path in (self.path, folder / TABLE, folder / REPORT):
             files.refuse_special(path)
-            if files.there(path) and not files.there(self.path):
+            if os.path.lexists(path) and not os.path.lexists(self.path):
                 raise ResultsError(f"{path}: not from a campaign, or of an older arva-hil without {NAME}: {_ELSEWHERE}")
         self._database = sqlite3.connect(self.path, timeout=_WAIT_S, isolation_level=None)
         try:

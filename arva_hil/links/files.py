@@ -19,11 +19,6 @@ _SYMLINK: Final = "is a symlink, and this program does not write through symlink
 _NO_FILE: Final = "is not a regular file"
 
 
-def there(path: Path) -> bool:
-    """Return True if anything has this name: a file, a folder, or a symlink, also a broken one."""
-    return os.path.lexists(path)
-
-
 def refuse_special(path: Path) -> None:
     """Check a file before a library opens it. Raises OSError if it is a symlink, or not a regular file."""
     with contextlib.suppress(FileNotFoundError):

@@ -142,7 +142,7 @@ class GrowingFiles:
 
 def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
     """Raise RecordError if `folder` contains one of these files: `what` would be overwritten."""
-    if there := [name for name in names if files.there(folder / name)]:
+    if there := [name for name in names if os.path.lexists(folder / name)]:
         raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")
 
 

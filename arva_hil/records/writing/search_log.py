@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,6 @@ from typing import Final
 
 from arva_hil.clock import Clock
 from arva_hil.events import Event
-from arva_hil.links import files
 from arva_hil.records.writing.growing_files import GrowingFiles, RecordError, refuse_old
 from arva_hil.records.writing.layout import EventLines
 from arva_hil.search.mission.outcome import SearchStep
@@ -26,7 +26,7 @@ def refuse_search(folder: Path) -> None:
 def refuse_team(folder: Path, names: Sequence[str]) -> None:
     """Raise RecordError if the search of one of these names cannot have a folder there. Nothing is written."""
     for own in (folder / name for name in names):
-        if files.there(own) and (own.is_symlink() or not own.is_dir()):
+        if os.path.lexists(own) and (own.is_symlink() or not own.is_dir()):
             raise RecordError(f"{own}: is no folder of its own; name another folder")
         refuse_search(own)
 
