@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable
 from itertools import chain
 from typing import Any, Final, Literal, NamedTuple, cast
 
@@ -106,44 +106,38 @@ def length_v1(msgid: int) -> int:
     return whole
 
 
-class Layout:
-    """The layout of a kind of message without text: its struct, and the attributes in the order of the payload.
+@functools.cache
+def reader_of(msgid: int) -> Callable[[bytes], Message] | None:
+    """Return the function that makes a message of a payload; None for a kind of message with text.
 
     Messages are of a subclass of pymavlink's class. All share one header and ten more values, which pymavlink's
     constructor makes for each message and which are not used: so a message takes half of the time.
     """
+    kind = ardupilotmega.mavlink_map[msgid]
+    if "char" in kind.fieldtypes:
+        return None
+    shared = {
+        **vars(ardupilotmega.MAVLink_message(msgid, kind.msgname)),
+        "_fieldnames": kind.fieldnames,
+        "_instance_field": kind.instance_field,
+        "_instance_offset": kind.instance_offset,
+    }
+    made = type(kind.__name__, (kind,), shared)
+    names, unpack, size = kind.ordered_fieldnames, kind.unpacker.unpack, kind.unpacker.size
+    arrays = [(at, n) for at, n in enumerate(kind.lengths) if n > 1]
 
-    def __init__(self, msgid: int) -> None:
-        kind = ardupilotmega.mavlink_map[msgid]
-        shared = {
-            **vars(ardupilotmega.MAVLink_message(msgid, kind.msgname)),
-            "_fieldnames": kind.fieldnames,
-            "_instance_field": kind.instance_field,
-            "_instance_offset": kind.instance_offset,
-        }
-        self._kind = type(kind.__name__, (kind,), shared)
-        self._struct: struct.Struct = kind.unpacker
-        self._names: Sequence[str] = kind.ordered_fieldnames
-        self._arrays = [(at, n) for at, n in enumerate(kind.lengths) if n > 1]
-
-    def message(self, payload: bytes) -> Any:
-        """Return the message of a payload. MAVLink 2 leaves out zeros at its end."""
-        size = self._struct.size
-        whole = payload if len(payload) == size else payload[:size].ljust(size, b"\0")
-        values: Sequence[Any] = self._struct.unpack(whole)
-        if self._arrays:
+    def read(payload: bytes) -> Message:
+        whole = payload if len(payload) == size else payload[:size].ljust(size, b"\0")  # zeros at the end are left out
+        values = unpack(whole)
+        if arrays:
             values = list(values)
-            for at, n in self._arrays:
+            for at, n in arrays:
                 values[at : at + n] = [values[at : at + n]]
-        message: Any = object.__new__(self._kind)
-        message.__dict__ = dict(zip(self._names, values, strict=True))
+        message: Message = object.__new__(made)
+        message.__dict__ = dict(zip(names, values, strict=True))
         return message
 
-
-@functools.cache
-def layout_of(msgid: int) -> Layout | None:
-    """Return the layout of a kind of message; None if it has text."""
-    return None if "char" in ardupilotmega.mavlink_map[msgid].fieldtypes else Layout(msgid)
+    return read
 
 
 CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in ardupilotmega.mavlink_map.items()}
@@ -184,9 +178,9 @@ def decode(packet: Packet) -> Message | None:
     later = raw[0] == 0xFD
     if msgid not in CRC_EXTRA or (not later and raw[1] < length_v1(msgid)):
         return None
-    if layout := layout_of(msgid):  # pymavlink would verify the checksum again
+    if read := reader_of(msgid):  # pymavlink would verify the checksum again
         header = 10 if later else 6
-        return layout.message(raw[header : header + raw[1]])
+        return read(raw[header : header + raw[1]])
     try:
         return _CODEC.decode(bytearray(raw))
     except ardupilotmega.MAVError:
