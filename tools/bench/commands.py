@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +22,7 @@ from arva_hil.autopilot.following.session import Session
 from arva_hil.campaign.trial import Trial, fly
 from arva_hil.links.tlog import TlogReader
 from tools.bench.stream import playing
-from tools.bench.table import Row, once, ratio
+from tools.bench.table import Row, once, ratio, wall_of
 
 COMMAND: Final = [sys.executable, "-m", "arva_hil"]
 _TURNS: Final = 4  # ours and the peer's in turn, so that both have the same load of the machine
@@ -69,7 +70,7 @@ def starts(_: argparse.Namespace) -> Iterator[Row]:
         ours = cpu_of_command([*COMMAND, name, "--help"])
         yield ratio(f"arva-hil {name} --help", "import numpy", ours, numpy, "s", 1.0)
     first = min(_first_frame() for _ in range(5))
-    numpy = min(wall_of_command(_NUMPY) for _ in range(5))
+    numpy = wall_of(partial(subprocess.run, _NUMPY, check=True, capture_output=True), 5)
     yield ratio("arva-hil run to its first frame", "import numpy", first, numpy, "s", 3.0)
 
 
@@ -148,19 +149,14 @@ def loops(_: argparse.Namespace) -> Iterator[Row]:
 
 def cpu_of_command(command: Sequence[str], times: int = 5) -> float:
     """Return the CPU seconds of a command, with its start-up. Raises CalledProcessError if it fails."""
-    return min(_once_command(command) for _ in range(times))
+    run = partial(subprocess.run, command, check=True, capture_output=True)
+    return min(once(run, _children_s) for _ in range(times))
 
 
-def _once_command(command: Sequence[str]) -> float:
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command, check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def wall_of_command(command: Sequence[str]) -> float:
-    """Return the wall time [s] of one run of a command. Raises CalledProcessError if it fails."""
-    return once(lambda: subprocess.run(command, check=True, capture_output=True), time.perf_counter)
+def _children_s() -> float:
+    """Return the CPU seconds of all processes that this one has waited for."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def figure_of(*arguments: str) -> float:
