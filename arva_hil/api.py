@@ -100,7 +100,6 @@ def run_live(
             return stack.enter_context(closing(open_reconnecting(address, clock=clock, answered=answered)))
 
         readers = {name: PacketReader() for name in sides.autopilots}
-
         autopilots = {name: opened(address, answered=True) for name, address in sides.autopilots.items()}
         ports = {name: opened(address) for name, address in sides.ports.items()}
         vehicles = live_vehicles(scenario, sides, readers, target_system, target_component, stream_hz)
