@@ -72,8 +72,8 @@ class MavlinkDecoder(FrameDecoder):
     """Reads frames of formats inside MAVLink, from all systems.
 
     Only `tunnel` carries sequence and status: frames of the others are numbered in the order in which they come. A
-    frame of named values ends when the next one begins, or if no more of its values came for 1 s; an empty `feed` is
-    enough for that.
+    frame of named values ends when a name comes again, or if no more of its values came for 1 s; an empty `feed` is
+    enough for that. A channel without its distance or its angle is left out.
     """
 
     def __init__(self, format: str) -> None:
@@ -92,11 +92,11 @@ class MavlinkDecoder(FrameDecoder):
         self._slots: list[Channel] = []
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
+        if self._values and now - self._since >= _SILENCE_S:
+            self._end_named()
         for packet in self._parser.feed(chunk):
             if packet.msgid == self._msgid and (message := decode(packet)) is not None:
                 self._read(message, now)
-        if self._values and now - self._since >= _SILENCE_S:
-            self._end_named()
         self.bad_crc, self.dropped = self._parser.bad_crc, self._parser.skipped
         frames, self._frames = self._frames, []
         return frames
@@ -111,7 +111,7 @@ class MavlinkDecoder(FrameDecoder):
         name, value = message.name, float(message.value)
         if not name.startswith("ARVA") or not value.is_integer():  # nor NaN, nor infinite
             return
-        if name == "ARVA1_D" and self._values:
+        if name in self._values:
             self._end_named()
         if (self._values or name == "ARVA1_D") and len(self._values) < 3 * firmware_proto.MAX_CHANNELS:
             self._values[name] = int(value)
@@ -120,9 +120,9 @@ class MavlinkDecoder(FrameDecoder):
     def _end_named(self) -> None:
         channels = []
         for slot in range(1, firmware_proto.MAX_CHANNELS + 1):
-            if (d := self._values.get(f"ARVA{slot}_D")) is not None:
+            d, delta = (self._values.get(f"ARVA{slot}_{suffix}") for suffix in ("D", "DIR"))
+            if d is not None and delta is not None:  # neither was lost
                 id_ = self._values.get(f"ARVA{slot}_ID", 255)
-                delta = self._values.get(f"ARVA{slot}_DIR", -1)
                 channels.append(Channel(None if id_ == 255 else id_, zone_of(d, delta), d, delta))
         self._deliver(channels)
         self._values.clear()

@@ -90,7 +90,8 @@ def test_the_zone_is_inner_up_to_3_m_with_direction_0_and_mid_otherwise(d: int, 
 
 
 def test_integers_are_not_floats_and_names_of_others_are_nobodys() -> None:
-    ints = packed(*(dialect.MAVLink_named_value_int_message(5, b"ARVA1_D", 700) for _ in range(3)))
+    names = 3 * [b"ARVA1_D", b"ARVA1_DIR"]
+    ints = packed(*(dialect.MAVLink_named_value_int_message(5, name, 700) for name in names))
     assert MavlinkDecoder("named_float").feed(ints, 0.0) == []
     assert len(MavlinkDecoder("named").feed(ints, 0.0)) == 2
     assert MavlinkDecoder("named_float").feed(floats(*[("BARVA1_D", 700.0)] * 3), 0.0) == []
@@ -109,3 +110,21 @@ def test_values_of_a_frame_whose_beginning_was_not_heard_are_no_frame() -> None:
     decoder = MavlinkDecoder("named_float")
     rest = floats(("ARVA1_DIR", -17), ("ARVA1_ID", 3), ("ARVA2_D", 700), ("ARVA2_DIR", 5))
     assert decoder.feed(rest + floats(("ARVA1_D", 900)), 0.0) == []
+
+
+NAMES = ("ARVA1_D", "ARVA1_DIR", "ARVA1_ID")
+READINGS = [(1900, 40, 1), (700, -60, 2), (600, -50, 3)]
+
+
+@pytest.mark.parametrize("apart_s", [0.0, 0.2, 5.0])
+@every("lost", range(9))
+def test_a_lost_message_of_named_values_loses_at_most_its_frame_and_mixes_no_two(lost: int, apart_s: float) -> None:
+    decoder, frames = MavlinkDecoder("named_float"), list[Frame]()
+    for number, reading in enumerate(READINGS):
+        sent = [value for k, value in enumerate(zip(NAMES, reading, strict=True)) if 3 * number + k != lost]
+        frames += decoder.feed(floats(*sent), number * apart_s)
+    frames += decoder.feed(b"", 99.0)
+    read = [(c.d, c.delta, c.id) for frame in frames for c in frame.channels]
+    d, delta, _ = READINGS[lost // 3]
+    hit = [(d, delta, None)] if lost % 3 == 2 else []  # without its id a reading is still right
+    assert read == READINGS[: lost // 3] + hit + READINGS[lost // 3 + 1 :]
