@@ -180,6 +180,12 @@ ALIKE = transmitters([4, 0, 0], [0, 4, 0], keyings=[STEADY, Keying(1.001, 0.08, 
             ],
         ),
         (
+            "after a restart a late display shows nothing of what it received before",
+            FAR,
+            {"lag_s": 2.0},
+            [sees(7.0, 1), asks(7.0, "restart"), sees(7.01), sees(8.0), sees(13.0), sees(13.5, 1)],
+        ),
+        (
             "a scan keeps the marks of those that come back",
             NEAR,
             {},
@@ -256,6 +262,13 @@ def test_weaker_than_the_threshold_is_not_heard() -> None:
         for further, expected in [(0.0, [1]), (0.3, [])]:
             receiver = Hovering(transmitters([d_m + further, 0, 0], keyings=[STEADY]), threshold_na_m=threshold)
             assert ids(receiver.read(8.0)) == expected, (threshold, d_m, further)
+
+
+@pytest.mark.parametrize("within_m", [3.0, 60.0, 1000.0])
+def test_weaker_than_the_threshold_is_not_heard_by_three_antennas_either(within_m: float) -> None:
+    far = transmitters([0.0, 0.0, 88.0], keyings=[STEADY])
+    assert ids(Hovering(far, third_within_m=within_m).read(6.0)) == []
+    assert ids(Hovering(far, [0.0, 0.0, 30.0], third_within_m=within_m).read(6.0)) == [1]
 
 
 def test_two_pulses_that_touch_are_lost_or_the_6_db_stronger_one_is_read() -> None:

@@ -142,9 +142,9 @@ class Display:
         self._law = law
         self._cbrt = math.cbrt(kappa_eq / (4 * math.pi))
         self._scale = options.scale_na_m
-        self._inner_m = options.third_within_m if options.antennas > 2 else -1.0
-        self._near = near(kappa_eq, self._inner_m) if self._inner_m > 0 else math.inf
         self._mid_m = options.range_m(kappa_eq)
+        self._inner_m = min(options.third_within_m, self._mid_m) if options.antennas > 2 else -1.0
+        self._near = near(kappa_eq, self._inner_m) if self._inner_m > 0 else math.inf
         self._directions: dict[int, int] = {}  # by the transmitter's index
 
     def antennas(self, signal: Vector) -> Vector:

@@ -325,6 +325,8 @@ class PulsedReceiver(ListeningReceiver):
 
     def _switch_on(self, time_s: float) -> None:
         self._slots.restart()
+        self._coming.clear()
+        self._displayed = None
         self._listens_s = time_s + self._options.start_s
         self._failed = False
         self._search()
