@@ -24,6 +24,7 @@ from arva_hil.emulator import build
 from arva_hil.emulator.ports import HostCommands, Output, Parcel, Port, encoder
 from arva_hil.emulator.receivers import EmulatedReceiver
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.true_state import latency_s
 from arva_hil.emulator.world import FollowedSystem, Snapshot, VehicleWorld
 from arva_hil.events import (
     Event,
@@ -230,7 +231,8 @@ class Emulator:
     - `start`: the instant of the first frames. `spread`: spread those of several vehicles over a period, at most 0.1 s.
     - `timeout_s`: without a heartbeat, emit an event after this time.
     - `max_age_s`: an older pose is not used.
-    - `look_ahead_s`: the time that a frame waits for a later pose, to interpolate its own; 0 for a live run.
+    - `look_ahead_s`: the time that a frame waits for a later pose, to interpolate its own, besides the scenario's
+      latency; 0 for a live run.
     - `tell_packets`: emit an event for every chunk, for a record.
     - `tell_status`: emit a `StatusReport` four times a second.
 
@@ -252,6 +254,8 @@ class Emulator:
         if not vehicles:
             raise ValueError("vehicles: none, expected one VehicleSetup at least, e.g. one_vehicle(scenario)")
         self._now = -math.inf  # of the last `advance`
+        if look_ahead_s:  # the report of a frame's instant comes later
+            look_ahead_s += max(latency_s(setup.scenario) for setup in vehicles)
         truth = any(setup.scenario.pose == "truth" for setup in vehicles)
         self.options = EngineOptions(look_ahead_s, tell_packets, tell_status, needs_times=tell_packets or truth)
         scenarios = [receiver.scenario for setup in vehicles for receiver in setup.receivers]

@@ -188,6 +188,11 @@ def _is_pose(position: PositionSample, attitude: AttitudeSample) -> bool:
     return somewhere and 0.9 < math.hypot(*attitude.angles) < 1.1 and math.hypot(*attitude.rates) < _FASTEST
 
 
+def latency_s(scenario: Scenario) -> float:
+    """Return the age [s] of the vehicle's reports according to the scenario."""
+    return scenario.navigation_error.latency_s if scenario.navigation_error else 0.0
+
+
 def true_state(scenario: Scenario, session: Session, start: float) -> ReportWithError | SimulatorTruth | None:
     """Return the true state according to the scenario; None if it is the reported state. `start`: of the run."""
     if scenario.pose == "truth":

@@ -231,13 +231,16 @@ def test_what_hangs_on_a_rope_is_reported_straight_below() -> None:
 
 @pytest.mark.parametrize(
     ("chosen", "late_s"),
-    [(QUIET, 0.0), (TRUTH, 0.0), (replace(QUIET, navigation_error=NavigationError(latency_s=0.5)), 0.5)],
-    ids=["estimate", "truth", "latency"],
+    [
+        *[(QUIET, 0.0), (TRUTH, 0.0)],
+        *[(replace(QUIET, navigation_error=NavigationError(latency_s=late_s)), late_s) for late_s in (0.5, 10.0)],
+    ],
+    ids=["estimate", "truth", "latency", "latency beyond the look-ahead"],
 )
 def test_with_look_ahead_a_frame_waits_until_its_true_pose_is_known(chosen: Scenario, late_s: float) -> None:
     vehicle, late = SimulatedVehicle(HOME), list[float]()
-    emulator = Emulator([one_vehicle(chosen, Session())], start=0.0, look_ahead_s=5.0)
-    for step in range(100):
+    emulator = Emulator([one_vehicle(chosen, Session())], start=0.0, look_ahead_s=1.0)
+    for step in range(200):
         now, diary = step / 10, Diary()
         emulator.receive("autopilot", vehicle.poll(now), now)
         for output in turn(emulator, now, diary):

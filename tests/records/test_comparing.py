@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.config import DEFAULT, Fault, Scenario, Transmitter
+from arva_hil.config import DEFAULT, Fault, NavigationError, Scenario, Transmitter
 from arva_hil.events import BytesSent, FrameMade, HeartbeatMissing, ReceiverRestarted
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.comparing import Comparison, compared, emulated_again, paired_frames
@@ -62,6 +62,13 @@ def test_the_delay_of_a_scenario_is_the_lag_of_the_receiver(tmp_path: Path) -> N
     one = with_scenario(rehearse(tmp_path / "r", QUIET, FLIGHT, latency_s=0.6), late)
     assert one.lag_s == pytest.approx(0, abs=0.06)
     assert one.all.d_scatter_m < 0.05
+
+
+def test_with_latency_the_receiver_is_where_the_log_reports_the_vehicle_that_much_later(tmp_path: Path) -> None:
+    record = load(rehearse(tmp_path / "r", QUIET, FLIGHT))
+    late = replace(QUIET, navigation_error=NavigationError(latency_s=3.0))
+    there, then = (emulated_again(record, record.receivers[0], scenario).ranges[1] for scenario in (QUIET, late))
+    assert then[1:-3] == pytest.approx(there[4:], abs=0.02)
 
 
 def test_two_frames_of_one_chunk_have_one_time(tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ def attitude_ahead(sample: AttitudeSample, ahead_s: float) -> Quaternion:
 
 Vector = NDArray[np.float64]
 
-_KEEP_S: Final = 10.0
+_KEEP_S: Final = 15.0  # longer than the longest latency of a scenario
 _KEEP_SAMPLES: Final = 8192  # 20 s at the fastest stream
 _WIDEST_GAP_S: Final = 2.0  # no interpolation between samples that are further apart
 
@@ -159,7 +159,7 @@ S = TypeVar("S", PositionSample, AttitudeSample)
 
 
 class Samples(deque[S]):
-    """The samples of the last 10 s, in the order of their boot times."""
+    """The samples of the last 15 s, in the order of their boot times."""
 
     def __init__(self) -> None:
         super().__init__(maxlen=_KEEP_SAMPLES)

@@ -16,6 +16,7 @@ from arva_hil.emulator.faults.plan import Faults
 from arva_hil.emulator.ports import encoder
 from arva_hil.emulator.receivers import EmulatedReceiver, Schedule
 from arva_hil.emulator.setup import VehicleSetup, one_vehicle
+from arva_hil.emulator.true_state import latency_s
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.errors import ArvaError
 from arva_hil.events import FrameMade
@@ -160,18 +161,19 @@ def emulated_again(recording: Recording, receiver: RecordedReceiver, scenario: S
     schedule = RecordedSchedule(_made_s(receiver.time_s, scenario.faults))
     emulated = EmulatedReceiver("", "", scenario, model, start=0.0, first=0.0, schedule=schedule)
     encode = encoder(scenario.output_format, setup.session)
+    look_ahead_s = _LOOK_AHEAD_S + latency_s(scenario)
     made: list[FrameMade] = []
     ranges: list[Mapping[int, float]] = []
 
     def settle(now: float) -> None:
-        while (t := emulated.next_due) <= now and (now - t >= _LOOK_AHEAD_S or world.is_known(t)):
+        while (t := emulated.next_due) <= now and (now - t >= look_ahead_s or world.is_known(t)):
             for event in emulated.advance(seen := world.at(t), t):
                 if isinstance(event, FrameMade) and (faults is None or _arrives(event, faults, encode)):
                     made.append(event)
                     ranges.append(seen.transmitters.ranges(event.pose.position) if event.pose else {})
 
     feed(recording, setup, world, settle)
-    settle(float(receiver.time_s[-1]) + 2 * _LOOK_AHEAD_S if len(receiver) else 0.0)
+    settle(float(receiver.time_s[-1]) + 2 * look_ahead_s if len(receiver) else 0.0)
     ids = [transmitter.id for transmitter in scenario.transmitters]
     by_id = {id_: np.array([one.get(id_, math.nan) for one in ranges]) for id_ in ids}
     numbers = np.array([event.number for event in made], np.intp)
