@@ -98,12 +98,11 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         return loop.over or len(loop.found) >= wanted if team else first.decided
 
     run(loop.tasks, clock, until=trial.limit_s + _AROUND_S, stopped=over)
-    outcome = FOUND if len(loop.found) >= wanted else f"{len(loop.found)} of {wanted} found"
     missions = [drone.mission for drone in loop.drones if drone.mission]
     errors = [error for drone in loop.drones if (error := drone.error()) is not None]
     hovers = first.mission is not None and first.mission.found is not None and not team
     return Result(
-        outcome if team else _outcome(first),
+        _counted(len(loop.found), wanted) if team else _outcome(first, wanted),
         None if math.inf in errors else max(errors, default=None),
         first.off(clock.now()) if hovers else None,
         max((mission.progress.searched_s for mission in missions), default=0.0),
@@ -128,8 +127,14 @@ def _accuracy(drone: Drone, now: float) -> tuple[float | None, ...]:
     return sigma_of(accuracy.on_earth(mission.found)), drone.relative_error(now), relative
 
 
-def _outcome(drone: Drone) -> str:
+def _outcome(drone: Drone, wanted: int) -> str:
     outcome, mission = drone.search.outcome, drone.mission
     if mission is None:
         return in_words(outcome.how) if outcome else f"no take-off in {_AROUND_S:g} s"
-    return in_words(mission.ended or (outcome.how if outcome else "no end"))
+    ended = in_words(mission.ended or (outcome.how if outcome else "no end"))
+    places = mission.victims.places  # a search for all does not know how many there are
+    return _counted(len(places), wanted) if drone.several and ended == FOUND else ended
+
+
+def _counted(found: int, wanted: int) -> str:
+    return FOUND if found >= wanted else f"{found} of {wanted} found"

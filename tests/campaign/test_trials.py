@@ -235,6 +235,13 @@ def test_of_several_victims_the_uncertainty_is_that_of_the_place_with_the_larges
     assert (one.relative_m, one.relative_sigma_m) == (None, None)  # the vehicle has left the first place
 
 
+def test_a_search_for_all_that_misses_one_is_no_success(tmp_path: Path) -> None:
+    """It received one of the two, and ends with found."""
+    two = "transmitters: [{id: 1, ned: [8, -6, 0]}, {id: 2, ned: [400, 9, 0]}]\n"
+    one = row_of(tmp_path, two, f"{PLAN}victims: all\narea_m: [-12, -12, 12, 12]\n")
+    assert (one.outcome, one.success(2.0)) == ("1 of 2 found", False)
+
+
 class FoundAtOnce:
     """Reports the place of each reading as found."""
 
