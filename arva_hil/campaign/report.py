@@ -30,13 +30,7 @@ _HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path
 
 def text(rows: Sequence[TrialRow], success_m: float) -> str:
     """Return a short table for a terminal: one line for each strategy and number of drones."""
-    parts = groups(rows, "strategy", "drones")
-    numbered = len({drones for _, drones in parts}) > 1
-    each = (
-        (f"{name}, {drones} drone{'s' * (drones > 1)}" if numbered else str(name), *_cells(summary(some, success_m)))
-        for (name, drones), some in parts.items()
-    )
-    lines = table_lines([("strategy", *_HEAD), *each])
+    lines = table_lines(_table(rows, success_m))
     far = found_far(rows, success_m)
     foot = (
         f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %; "
@@ -45,11 +39,20 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
     return "\n".join([*lines, foot, *_compared(rows, success_m), *([far] if far else [])])
 
 
+def _table(rows: Sequence[TrialRow], success_m: float) -> list[tuple[str, ...]]:
+    """Return the head, and a line for each strategy and number of drones."""
+    parts = groups(rows, "strategy", "drones")
+    numbered = len({drones for _, drones in parts}) > 1
+    each = (
+        (f"{name}, {drones} drone{'s' * (drones > 1)}" if numbered else str(name), *_cells(summary(some, success_m)))
+        for (name, drones), some in parts.items()
+    )
+    return [("strategy", *_HEAD), *each]
+
+
 def latex(rows: Sequence[TrialRow], success_m: float) -> str:
-    """Return the table of the strategies and their differences on the same trials, for LaTeX with booktabs."""
-    table = [("strategy", *_HEAD)]
-    table += [(name, *_cells(summary(some, success_m))) for (name,), some in groups(rows, "strategy").items()]
-    lines = [" & ".join(map(_escaped, row)) + r" \\" for row in table]
+    """Return the same table and the differences on the same trials, for LaTeX with booktabs."""
+    lines = [" & ".join(map(_escaped, row)) + r" \\" for row in _table(rows, success_m)]
     made = [
         r"\begin{tabular}{l" + "r" * len(_HEAD) + "}",
         r"\toprule",

@@ -111,6 +111,14 @@ def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
     assert table.isascii()
 
 
+def test_each_number_of_drones_has_a_line_in_both_tables() -> None:
+    rows = runs(0.5, None) + runs(0.5, 0.5, 0.5, drones=4)
+    expected = [["flux, 1 drone", "2", "1"], ["flux, 4 drones", "3", "3"]]
+    assert [re.split(r"\s{2,}", line)[:3] for line in report.text(rows, 2.0).split("\n")[1:3]] == expected
+    lines = [line for line in report.latex(rows, 2.0).split("\n") if line.startswith("flux")]
+    assert [line.split(" & ")[:3] for line in lines] == expected
+
+
 @pytest.fixture(scope="module")
 def page() -> str:
     return report.page("my <plan>", ROWS, 2.0)
