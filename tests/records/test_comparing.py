@@ -144,6 +144,32 @@ def test_the_lag_between_two_receivers_is_that_of_their_latencies(tmp_path: Path
     assert (result.lag_s, result.hints) == (pytest.approx(0.8, abs=0.06), [])
 
 
+FAR = [
+    Waypoint(0, -35, 0, -4, 0),
+    Waypoint(60, 25, 0, -4, 0),
+    Waypoint(70, 25, 10, -4, 90),
+    Waypoint(130, -35, 10, -4, 180),
+]
+
+
+def test_noise_does_not_draw_the_lag_to_the_middle_between_two_readings(tmp_path: Path) -> None:
+    """Five readings a second: the middle is 0.1 s off."""
+    for seed in range(1, 5):
+        noisy = replace(DEFAULT, receiver=replace(DEFAULT.receiver, rate_hz=5.0), seed=seed)
+        record = rehearse(tmp_path / f"{seed}", noisy, FAR, seed=seed)
+        assert with_scenario(record, replace(noisy, seed=seed + 100)).lag_s == pytest.approx(0, abs=0.05)
+
+
+def test_each_reading_is_in_one_part_of_the_time(tmp_path: Path) -> None:
+    record = load(rehearse(tmp_path / "r", QUIET, FLIGHT))
+    again = emulated_again(record, record.receivers[0], QUIET)
+    pairs = again.pairs._replace(first=again.pairs.first[3:], second=again.pairs.second[3:])
+    for aside_s in (0.0, 0.07, 0.13):
+        later = replace(record.receivers[0], time_s=record.receivers[0].time_s + aside_s)
+        (one,) = compared(later, again.receiver, pairs, again.ranges)
+        assert sum(spread.count for spread in one.groups["time"]) == one.both
+
+
 def test_two_flights_are_paired_by_their_places(tmp_path: Path) -> None:
     there = [point._replace(time_s=point.time_s * 1.3) for point in FLIGHT]
     one, two = load(rehearse(tmp_path / "a", QUIET, FLIGHT)), load(rehearse(tmp_path / "b", QUIET, there))

@@ -199,8 +199,8 @@ def _by(c: _Columns, values: Floats, edges: Sequence[float], unit: str) -> list[
 def _parts(time_s: Floats) -> Sequence[float]:
     if not len(time_s):
         return (0.0, 1.0)
-    edges: list[float] = np.linspace(time_s.min(), time_s.max(), _PARTS + 1).round(1).tolist()
-    edges[-1] += 0.1
+    first_s, last_s = math.floor(10 * time_s.min()) / 10, math.floor(10 * time_s.max() + 1) / 10
+    edges: list[float] = np.linspace(first_s, last_s, _PARTS + 1).round(1).tolist()
     return edges
 
 
@@ -224,6 +224,9 @@ def _lag_s(c: _Columns, later_s: Floats) -> float | None:
         return None
     lags = np.arange(-_MOST_LAG_S, _MOST_LAG_S + _LAG_STEP_S / 2, _LAG_STEP_S)
     costs = np.array([_misfit(log_1 - np.interp(time_1 - lag, time_2, log_2)) for lag in lags])
+    # Noise averages out between two readings of the second: take the mean over one interval of them.
+    half = max(1, round(float(np.median(np.diff(time_2))) / _LAG_STEP_S / 2))
+    costs = np.convolve(np.pad(costs, half, "edge"), np.convolve(np.ones(2 * half), [0.5, 0.5]), "valid")
     best = int(costs.argmin())
     if not 0 < best < len(lags) - 1:
         return None
