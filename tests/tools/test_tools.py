@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,13 +23,16 @@ from PIL import Image
 from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.model.receiver import Antennas, Zone
 from tests.paper_receiver import Receiver
+from tools.bench import finds
 from tools.bench import speed as bench
 from tools.bench.table import Row, conditions, ratio, read, slower, write
-from tools.figures import paper
+from tools.figures import fits, paper
 from tools.figures.receivers import FIGURES, OURS, novices, overlaps
 from tools.fuzz import decoder, loader, session
 from tools.fuzz import python as tool
 from tools.sitl.fly import fly, main
+from tools.sitl.judge import BEGINS, Flight, judge
+from tools.sitl.relay import Place
 
 
 @pytest.mark.parametrize(
@@ -269,6 +274,23 @@ def test_what_cannot_be_measured_is_said_before_anything_is(
     assert said in capsys.readouterr().err
 
 
+# Judges of many flights: what cannot be compared with the truth does not count as good
+
+
+@pytest.mark.parametrize(
+    ("outcome", "error_m", "kind"),
+    [("found", 3.0, "found"), ("found", 3.01, "false"), ("found", None, "false"), ("failed: x", None, "failed")],
+)
+def test_a_find_without_an_error_is_false(outcome: str, error_m: float | None, kind: str) -> None:
+    assert finds.Flown(1, (), outcome, error_m, 60.0).kind == kind
+
+
+def test_a_second_flight_without_common_readings_does_not_agree(capsys: pytest.CaptureFixture[str]) -> None:
+    one = {"misses": {"latency": 0.5}, "scatter": 0.05, "doubts": [], "cpu_s": 1.0}
+    fits.tell([one | {"second_ratio": ratio} for ratio in (1.04, 1.06, None)])
+    assert "second flight agrees within the scatter: 1 of 3\n" in capsys.readouterr().out
+
+
 # tools/sitl/fly.py, a flight or two of each kind: a real search, and a pilot who takes over at a random moment
 
 
@@ -290,6 +312,26 @@ def test_nor_in_the_climb_and_the_last_line_counts_late_orders(
     assert row.split()[:3] == ["vehicle", "climb", "1"]
     assert total.startswith("1 flights, ")
     assert total.endswith(f"; 0 orders later than {BOUND_MS} ms")
+
+
+@pytest.mark.parametrize(
+    ("kind", "heights", "good"),
+    [("anywhere", [2.9], True), ("lie", [2.9], True), ("lie", [1.4], False)]
+    + [(kind, heights, False) for kind in ("anywhere", "lie", "fence") for heights in ([], [math.nan])],
+)
+def test_without_a_true_height_in_the_search_no_flight_is_good(
+    kind: str, heights: list[float], good: bool, tmp_path: Path
+) -> None:
+    places = [Place(1.0 + n, 47.0, 8.0, 490.0) for n in range(len(heights))]
+    relay = SimpleNamespace(armed=False, notes=[], places=places)
+    simulator: Any = SimpleNamespace(relay=relay, heights=lambda places: heights)
+    said: Any = {BEGINS: 0.5}
+    search: Any = SimpleNamespace(
+        process=SimpleNamespace(poll=lambda: 0), out="", lines=[], began=0.0, said=lambda pattern: said.get(pattern)
+    )
+    flight = Flight("px4", kind, 1, 3.0, str(tmp_path))
+    judge(flight, simulator, search, None, {1: (0.0, 0.0, 0.0)})
+    assert flight.good is good
 
 
 # The data behind the figures of tools/figures/paper.py, against the paper's equations; and that the files are made

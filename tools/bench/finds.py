@@ -49,9 +49,9 @@ class Flown(NamedTuple):
 
     @property
     def kind(self) -> str:
-        if self.outcome != FOUND or self.error_m is None:
+        if self.outcome != FOUND:
             return self.outcome.partition(":")[0]
-        return FOUND if self.error_m <= FALSE_M else "false"
+        return FOUND if self.error_m is not None and self.error_m <= FALSE_M else "false"
 
 
 def scenario(seed: int, most: int) -> Scenario:

@@ -75,7 +75,7 @@ def tell(done: Sequence[dict[str, Any]]) -> None:
             f"{name:24} {inside.sum():5} of {len(each):5}  {100 * inside.mean():5.1f} %  "
             f"median {np.median(each):+.2f}  rms {np.sqrt(np.mean(np.square(each))):.2f}"
         )
-    agreeing = [abs(said["second_ratio"] - 1) <= said["scatter"] for said in done if said["second_ratio"]]
+    agreeing = [abs((said["second_ratio"] or 0.0) - 1) <= said["scatter"] for said in done]
     print(f"second flight agrees within the scatter: {sum(agreeing)} of {len(agreeing)}")
     print(f"with doubts: {sum(bool(said['doubts']) for said in done)}")
     cpu_s = [said["cpu_s"] for said in done]

@@ -145,11 +145,11 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
     flight.time_s = (search.lines[-1][0] if search.lines else 0.0) - search.began
     flight.disarmed = not simulator.relay.armed
     _judge_way(flight, simulator, search, acted or math.inf, buried)
-    low = flight.lowest_m is not None and flight.lowest_m < flight.height_m / 2
+    high = flight.lowest_m is not None and flight.lowest_m >= flight.height_m / 2
     if flight.kind in FREE:
-        flight.good = flight.code == 0 and flight.disarmed and not low and flight.apart_s <= APART_S
+        flight.good = flight.code == 0 and flight.disarmed and high and flight.apart_s <= APART_S
     elif flight.kind in ("lie", "fence"):
-        flight.good = flight.code in (0, 1) and flight.disarmed and not low
+        flight.good = flight.code in (0, 1) and flight.disarmed and high
     elif acted is not None:
         _judge_orders(flight, simulator, acted)
 
