@@ -454,7 +454,7 @@ end
 local function Commands(port, on_end)
    local self = {}
    local number, tries, sent_ms = 0, 0, 0
-   local raw, asked              -- the command that waits for its answer, and its text
+   local raw, asked, waiting     -- the command that waits for its answer, its text, and its code
    local decoder
 
    local function write(now)
@@ -470,7 +470,7 @@ local function Commands(port, on_end)
    end
 
    decoder = MessageDecoder({[ANSWER] = true}, function(_, answer)
-      if raw and answer.number == number then
+      if raw and answer.number == number and answer.code == waiting then
          local words = {answer.result}
          for _, value in ipairs(answer.values) do
             words[#words + 1] = string.format("%d", value)
@@ -509,7 +509,7 @@ local function Commands(port, on_end)
       if not raw then
          return false
       end
-      asked = table.concat({CODES[code] or string.format("command %d", code), table.unpack(values)}, " ")
+      waiting, asked = code, table.concat({CODES[code] or string.format("command %d", code), table.unpack(values)}, " ")
       write(now)
       return true
    end

@@ -31,9 +31,6 @@ local UNFIT = 8 | 32         -- bits of the status: self-test fault, not searchi
 local NO_RANGE_MS = 2000     -- end after this time without the rangefinder, if it has measured
 local SURE = 0.3              -- share of the least d: the error of 95 of 100 places found is smaller
 local NEARER = 0.7            -- share of the distance at which another transmitter is chosen instead
-local SINK_GAIN = 1.0         -- 1/s
-local CLIMB_GAIN = 2.0        -- 1/s: on steeper ground the vehicle is farther below the height wanted
-local CLIMB_SPEED = 1.0       -- m/s
 local STICK = 0.15            -- share of full travel: the pilot has moved a stick
 local STICK_MIDDLE = 0.2      -- of the throttle, where LOITER holds the height
 local SWITCH_HIGH = 2
@@ -505,6 +502,9 @@ local place = nil                              -- of the transmitter, when it is
 local same                                     -- the target's last reading and its first place; over: too far away
 local measured_ms = nil                        -- last measurement of the rangefinder in this search
 local assumed_height, assumed_wanted           -- without it: a function, nil outside of the database; height to hold, m
+local begin_home = 0                           -- down of home at the start
+local checked = nil                            -- a place close by, and the rangefinder's height there
+local sinking = false                          -- and not flying on
 local spent = false                            -- the request was used for a search
 local wants_loiter, told = false, ""
 
@@ -551,7 +551,7 @@ local function on_frame(frame)
    local nearest, mine = nil, nil
    for k = 1, frame.n do
       local d = frame.d[k]
-      if d > 0 and (not nearest or d < frame.d[nearest]) then
+      if d > 0 and not frame.marked[k] and (not nearest or d < frame.d[nearest]) then
          nearest = k
       end
       if d > 0 and frame.id[k] == target and (not mine or d < frame.d[mine]) then
@@ -596,7 +596,7 @@ local function hand_back(...)
 end
 
 local function begin()
-   local n, e = position()
+   local n, e, down = position()
    local rest = throttle:norm_input_ignore_trim()
    local why_not = objection(rest) or (not receiver.healthy and "no receiver")
       or (receiver.status & UNFIT ~= 0 and "receiver cannot search") or (not n and "no position")
@@ -607,7 +607,7 @@ local function begin()
    begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = n, e, now, math.deg(angle("yaw")), rest
    state, flux, target, sample, heard_ms, position_ms, told = SEARCHING, nil, nil, nil, now, now, ""
    say(MAV_SEVERITY.INFO, "search begins")
-   frame_ms, same, place = now, nil, nil
+   frame_ms, same, place, checked, sinking, begin_home = now, nil, nil, nil, false, down + height_above_home()
    measured_ms = measured_height() and now or nil
    assumed_height = height_above_terrain() and height_above_terrain or height_above_home
    assumed_wanted = assumed_height()
@@ -628,7 +628,8 @@ local function on_found(n, e)
 end
 
 -- the reason to end the search, or nil
-local function limit(n, e)
+local function limit(n, e, down)
+   local HOME_M = 0.5
    if not receiver.healthy then
       return "receiver lost"
    end
@@ -647,6 +648,9 @@ local function limit(n, e)
    if measured_ms and now - measured_ms > NO_RANGE_MS then
       return "rangefinder lost"
    end
+   if n and not measured_ms and math.abs(down + height_above_home() - begin_home) > HOME_M then
+      return "home moved"
+   end
    if now - heard_ms > DEAF_MS then
       return string.format("no signal for %d s", DEAF_MS // 1000)
    end
@@ -663,22 +667,35 @@ end
    the height, m, nil while it is not known; and the one wanted. Only what the rangefinder measures is the ground: a map
    and home let the vehicle climb, and sink no lower than where the search began
 --]]
-local function heights()
+local function heights(n, e, down)
    local LEAST_ALT = 0.5 -- of the parameter, whose range the autopilot does not enforce
+   local AT_M, STEP_M = 0.4, 1.5    -- at one place the ground has no larger step down
+   local SUNK_M, SHARE = 0.8, 0.75  -- and after this descent of the vehicle, no step of this share of it
    local above, wanted = measured_height(), math.max(LEAST_ALT, ARVS_ALT:get())
-   if above then
+   local sunk = checked and down - checked.down or 0
+   local fallen = above and checked and sunk + above - checked.above or 0
+   if above and fallen < (sunk < SUNK_M and STEP_M or SHARE * sunk) then
       measured_ms = now
-   elseif not measured_ms then
+      if not checked or sunk < 0 or (n - checked.n)^2 + (e - checked.e)^2 > AT_M^2 then
+         checked = {n = n, e = e, down = down, above = above}
+      end
+   elseif measured_ms then
+      above = nil
+   else
       above, wanted = assumed_height(), math.max(wanted, assumed_wanted)
    end
    return above, wanted
 end
 
 local function fly()
-   local THERE_M = 0.3 -- from the place found: hover
+   local THERE_M = 0.3           -- from the place found: hover
+   local BEGIN_M, END_M = 0.4, 0.05 -- above the height wanted: begin and end of a descent
+   local SINK_GAIN = 1.0         -- 1/s
+   local CLIMB_GAIN = 2.0        -- 1/s: on steeper ground the vehicle is farther below the height wanted
+   local CLIMB_SPEED = 1.0       -- m/s
    local n, e, down = position()
    position_ms = n and now or position_ms
-   local why = limit(n, e)
+   local why = limit(n, e, down)
    if why then
       hand_back(why)
       return
@@ -687,7 +704,7 @@ local function fly()
       steer(0, 0, 0)
       return
    end
-   local above, wanted = heights()
+   local above, wanted = heights(n, e, down)
    if not above then
       steer(0, 0, 0)
       return
@@ -714,14 +731,17 @@ local function fly()
             vehicle:set_target_pos_NED(hover, true, begin_yaw, false, 0, false, false)
             return
          end
-         local share = math.min(1, ARVS_SPEED:get() / left)
-         v_n, v_e = share * v_n, share * v_e
       end
+      local share = math.max(0, math.min(1, ARVS_SPEED:get() / math.sqrt(v_n^2 + v_e^2)))
+      v_n, v_e = share * v_n, share * v_e
    end
+   -- sink only without flying on: a rangefinder that is stuck then contradicts the descent
+   sinking = above > wanted + (sinking and END_M or BEGIN_M)
    -- if the ground rises faster than the vehicle climbs, it slows down, and stops at three quarters of the height
-   local share = math.max(0, math.min(1, 4 * above / wanted - 3))
+   local share = sinking and 0 or math.max(0, math.min(1, 4 * above / wanted - 3))
    v_n, v_e = share * v_n, share * v_e
-   local v_d = math.max(-CLIMB_SPEED, math.min(CLIMB_SPEED, (above < wanted and CLIMB_GAIN or SINK_GAIN) * (above - wanted)))
+   local v_d = (above < wanted and CLIMB_GAIN or SINK_GAIN) * (above - wanted)
+   v_d = math.max(-CLIMB_SPEED, math.min(sinking and CLIMB_SPEED or 0, v_d))
    steer(v_n, v_e, v_d)
    logger:write("ARVS", "Id,N,E,Hgt,VN,VE,VD,D", "Bfffffff", "#mmmnnnm", "-0000000",
                 target or NO_ID, n - begin_n, e - begin_e, above, v_n, v_e, v_d, target_d)

@@ -213,6 +213,14 @@ def test_a_command_is_repeated_twice_and_then_given_up(autopilot):
     assert PREFIX + "scan: no answer" in autopilot.said()
 
 
+def test_the_answer_to_another_command_of_this_number_is_none(autopilot):
+    ask(autopilot, 7)
+    autopilot.give(encode_answer(CommandAnswer(1, "mark", "done")), 50)
+    assert autopilot.said() == []
+    autopilot.give(encode_answer(CommandAnswer(1, "scan", "refused")), 50)
+    assert autopilot.said() == [PREFIX + "scan: refused"]
+
+
 def test_a_restart_is_not_repeated_and_a_second_command_waits(autopilot):
     ask(autopilot, 5)
     autopilot.written.clear()

@@ -201,6 +201,13 @@ def test_the_speed_is_not_exceeded_and_the_height_is_held(flight):
     assert [row["Hgt"] for row in rows[-10:]] == pytest.approx([2] * 10, abs=0.05)
 
 
+@pytest.mark.parametrize("speed", [0.3, 0, -1])
+def test_a_lower_speed_holds_at_once(flight, speed):
+    flight.autopilot.params["ARVS_SPEED"] = float(speed)
+    flight.fly(0.2)
+    assert math.hypot(*flight.autopilot.velocity[:2]) == pytest.approx(max(0, speed), abs=1e-6)
+
+
 def test_nothing_is_flown_unless_it_is_asked_for():
     flight = Flight()
     assert flight.after(5).autopilot.velocity is None
@@ -485,6 +492,44 @@ def test_a_search_ends_when_the_rangefinder_it_began_with_measures_no_more(fligh
     assert flight.autopilot.mode == LOITER
 
 
+@pytest.mark.parametrize(("above", "noise"), [(0.3, 0.05), (0.3, 0.1), (0.5, 0.0), (1.0, 0.03), (3.0, 0.03)])
+def test_a_rangefinder_that_is_stuck_above_the_height_does_not_lead_to_the_ground(above, noise):
+    random = Random(457)
+    flight = Flight(ARVS_ENABLE=1)
+    flight.autopilot.position[2] = -2.0 - above
+    flight.ground = lambda north, east: 0.0
+    assert flight.fly(20, until=lambda autopilot: math.hypot(*autopilot.position[:2]) > 2)
+    flight.ground = None
+    for _ in range(1000):
+        flight.autopilot.range = random.gauss(2 + above, noise)
+        flight.fly(0.1)
+        assert flight.autopilot.position[2] < -0.5
+    assert flight.said()[-1] == "rangefinder lost: search ends"
+
+
+def test_a_rangefinder_that_jumps_is_waited_for_at_the_same_height(flight):
+    flight.ground = lambda north, east: 0.0
+    assert flight.after(1).moved
+    flight.ground = lambda north, east: 8.0
+    assert flight.after(1.5).autopilot.velocity == (0, 0, 0)
+    assert flight.autopilot.position[2] == pytest.approx(-2, abs=0.1)
+    flight.ground = lambda north, east: 0.0
+    assert flight.after(1).moved
+    flight.ground = lambda north, east: 8.0
+    assert flight.after(3).said()[-1] == "rangefinder lost: search ends"
+
+
+@pytest.mark.parametrize("terrain", [None, 3.0])
+def test_a_home_that_moves_in_flight_does_not_lead_to_the_ground(terrain):
+    flight = Flight(ARVS_ENABLE=1)
+    flight.autopilot.terrain = terrain
+    assert flight.after(3).moved
+    flight.autopilot.home_down = 50.0  # set by the ground station; ArduPilot's height above terrain moves with it
+    assert flight.after(2).said()[-1] == "home moved: search ends"
+    assert flight.autopilot.position[2] == pytest.approx(-2, abs=0.1)
+    assert flight.autopilot.mode == LOITER
+
+
 def test_without_a_position_it_stops_at_once(flight):
     """The last velocity may lead down, and to the ground within the 2 s after which the search ends."""
     flight.ground = lambda north, east: 0.0
@@ -493,7 +538,7 @@ def test_without_a_position_it_stops_at_once(flight):
     flight.autopilot.has_position = False
     assert flight.after(0.2).autopilot.velocity == (0, 0, 0)
     flight.autopilot.has_position = True
-    assert flight.after(1).moved
+    assert flight.after(5).moved
 
 
 @pytest.mark.parametrize("height", [0, -3])
@@ -557,6 +602,12 @@ def test_it_goes_for_the_nearest_and_changes_for_one_that_is_much_nearer(flight)
     ]:
         flight.hear([Channel(id_, 1, d, 0) for id_, d in distances.items()], 1)
         assert flight.said() == ([text] if text else [])
+
+
+def test_a_marked_transmitter_is_found_already(flight):
+    flight.said()
+    flight.hear([Channel(7, 1, 300, 0, marked=True), Channel(8, 1, 900, 0)], 1)
+    assert flight.said() == ["going for transmitter 8, 9.0 m away"]
 
 
 def test_the_nearest_counts_where_an_id_comes_twice(flight):
