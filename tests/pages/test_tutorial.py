@@ -20,6 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import matplotlib
 import pytest
 
 from arva_hil.config import parse
@@ -111,7 +112,7 @@ def terminals(tmp_path: Path) -> Iterator[dict[str, Terminal]]:
         (folder / name).symlink_to(ROOT / name)
     programs = f"{Path(UNDER_TEST or sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {"HOME": str(home), "PATH": programs, "TMPDIR": str(tmp_path), "LANG": "C.UTF-8"}
-    environment["ARVA_HIL_JOBS"] = "1"
+    environment |= {"ARVA_HIL_JOBS": "1", "MPLCONFIGDIR": matplotlib.get_cachedir()}  # with the fonts, found once
     opened: dict[str, Terminal] = defaultdict(lambda: Terminal(folder, environment))
     yield opened
     for terminal in opened.values():
