@@ -273,6 +273,22 @@ def test_the_upper_one_does_not_come_down_to_one_that_it_has_never_had_news_of()
         assert mate.height(plan.height, 6.0, (0.0, 0.0, -6.0)) == pytest.approx(wanted)
 
 
+def test_it_flies_on_down_a_slope_past_one_that_has_landed() -> None:
+    """It may not descend there, and so gets higher than wanted."""
+    mate = planned()
+    mate.report(0.0, at(0, 0, 3), flying=True)
+    mate.on_news(News(0, 0.0, at(0, 1, 0), False))
+    keeper, north, above = ground.HeightKeeper(3.0, lambda event: None), 0.0, 3.0
+    for tick in range(200):
+        clear, position = above + 0.36 * north, (north, 0.0, -above)
+        keeper.asked = mate.height(3.0, clear, position)
+        down = keeper.velocity(0.2 * tick, Height(clear, True))
+        ahead, _, down = mate.apart(position, (keeper.pace, 0.0, down), 1.0)
+        north, above = north + 0.2 * ahead, above - 0.2 * down
+    assert north > 30.0
+    assert clear == pytest.approx(3.36, abs=0.1)
+
+
 class Hunter:
     """A vehicle without a body that flies to a transmitter at its height, circles there for 10 s, then comes down."""
 

@@ -411,14 +411,13 @@ class Teammate:
         """Return the height to fly at: `wanted_m`, that of its layer, or lower.
 
         It is lower once all vehicles of the layer below have ended and are on the ground: one without news may fly.
-        The vehicle, now at `height_m`, does not descend above another one.
+        The vehicle, now at `height_m`, does not descend above another one: it flies on as high as it is.
         """
         newest, count = self.others.newest, self._field.count if self._field else 0
         below = [newest.get(number) for number in {*range(count), *newest} if layer_m(number) < self._raised_m]
-        if not below or any(other is None or other.flying or not other.ended for other in below):
-            return wanted_m
-        low_m = wanted_m - self._raised_m
-        return min(max(height_m, low_m), wanted_m) if self.above_another(position) else low_m
+        if below and all(other is not None and other.ended and not other.flying for other in below):
+            wanted_m -= self._raised_m
+        return max(wanted_m, height_m) if self.above_another(position) else wanted_m
 
     def above_another(self, position: Position) -> bool:
         """Return True if another one is below its position, NED [m] from its take-off point: it must not land there."""
