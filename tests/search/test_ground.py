@@ -479,6 +479,19 @@ def test_a_check_of_a_vehicle_that_never_rests_ends_the_search(vehicle: Vehicle)
     assert disagreements(vehicle) == [("rangefinder", "vertical speed")]
 
 
+def test_a_check_has_its_whole_time_again_after_a_gap_of_the_rangefinder(vehicle: Vehicle) -> None:
+    """The ground falls, and the vehicle does not rest."""
+    vehicle.says(0.0, pressure(0.0)).arm()
+    for n in range(220):
+        t = 0.2 * n
+        said = [] if 7 < t < 40 else [distance(round(300 + 40 * min(t, 7.0)))]
+        vehicle.says(t, pressure(3.0), *said)
+        place, velocity = np.array([t, 0.0, -3.0]), np.array([1.0, 0.0, 0.0])
+        height = vehicle.ground.height(t, VehicleState(t, place, velocity, (1.0, 0.0, 0.0, 0.0), 0.0))
+    assert height.still
+    assert disagreements(vehicle) == []
+
+
 @pytest.mark.parametrize("off", [2.5, 5.0])
 @pytest.mark.parametrize("words", [[], [status(0), gps(1000)]])
 def test_a_rangefinder_that_is_off_from_the_start_is_known_by_the_altitude(

@@ -325,6 +325,15 @@ def test_of_too_many_transmitters_the_one_that_is_silent_for_longest_is_forgotte
     assert sorted(m.choice.heard)[:2] == [1, 2]
 
 
+def test_of_the_silent_ones_those_to_pass_by_are_forgotten_first(m: Told) -> None:
+    for n in range(16):
+        heard(m, beacon(n, 40 - n), at_s=101.0 + n)
+    m.victims.known[2] = 0  # found
+    heard(m, beacon(99, 9), at_s=170.0)
+    assert sorted(m.choice.heard)[:3] == [0, 1, 3]
+    assert 99 in m.choice.heard
+
+
 def test_frames_without_numbers_are_of_one_transmitter_the_nearest(m: Told, strategy: type[Scripted]) -> None:
     heard(m, beacon(None, 9, 10), beacon(None, 30, 20), at_s=101.0)
     heard(m, beacon(None, 31, 20), beacon(None, 8, 11), at_s=102.0)

@@ -250,7 +250,7 @@ _OFTEN: Final = 0.25  # postpone it below this share of the frames that could ha
 _CLOSER: Final = 0.8  # unless it came nearer than this share of its best distance; retry it there
 _STEADY_S: Final = 5.0  # retry a postponed transmitter that was in all frames for this time
 _MOST_HEARD: Final = 16  # transmitters
-_SILENT_S: Final = 60.0  # of more, the one with the longest silence is forgotten after this time
+_SILENT_S: Final = 60.0  # of more, one is forgotten after this silence
 
 
 _PAIR_S: Final = (0.9, 5.0)  # between two readings that are compared
@@ -471,12 +471,17 @@ class Choice:
         return there
 
     def _forget_silent(self, time_s: float) -> bool:
-        """Forget the transmitter with the longest silence, except the present one. Return False if all are received."""
-        silent = min(self.heard.keys() - {self.target}, key=lambda id_: self.heard[id_].last_s)
-        if time_s - self.heard[silent].last_s < _SILENT_S:
+        """Forget a silent transmitter: one to pass by, or the one with the longest silence. Return False without one.
+
+        The present one is not forgotten.
+        """
+        others = ((id_, one) for id_, one in self.heard.items() if id_ != self.target)
+        silent = {id_: one for id_, one in others if time_s - one.last_s >= _SILENT_S}
+        if not silent:
             return False
-        self.guidance.forget(silent)
-        del self.heard[silent]
+        id_ = min(silent, key=lambda id_: (not self._passes(id_, False), silent[id_].last_s))
+        self.guidance.forget(id_)
+        del self.heard[id_]
         return True
 
     def forget(self, id_: int) -> None:

@@ -273,6 +273,7 @@ class DriftCheck:
         self.followed = 0.0
         self._tolerance = tolerance
         self._checked_s: float | None = None
+        self._last_s = 0.0  # of the last height
         self._asked_s = self._moved_s = 0.0  # when the last check was due, and the end of the last motion
         self._hover: tuple[Odometry, float] | None = None  # motion and height at the start of the hover
         self._crept, self._checks = 0.0, 0  # sum of the changes in all checks that passed [m], and their number
@@ -288,10 +289,12 @@ class DriftCheck:
         fall = max(falls[name] - self.fallen[name] for name in falls)
         self.followed = min(fall, self._tolerance)
         lowest = height - (fall - self.followed)
-        if not self.still:
-            self.still, self._asked_s = height - lowest > _DRIFTED_M, motion.time_s
+        if not self.still or motion.time_s - self._last_s > FRESH_S:  # without a rangefinder the vehicle flies on
+            self._asked_s = motion.time_s
         elif motion.time_s - self._asked_s > _LATE_S and not self.drifts:
             self.drifts = height, lowest
+        self.still = self.still or height - lowest > _DRIFTED_M
+        self._last_s = motion.time_s
         if not self.still or motion.speed > _HOVER_M_S:
             self._hover, self._moved_s = None, motion.time_s
         elif motion.time_s - self._moved_s < _SETTLE_S:
