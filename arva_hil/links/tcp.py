@@ -231,9 +231,14 @@ class TcpServerLink(SeveralSenders):
                 break
             try:
                 set_up(sock, answered=self._answered)
+                if sender in self._clients:  # it has reset its connection, and connected from the same port again
+                    self._leave(sender, LinkError(self.name, "lost: it has connected again"))
             except OSError:  # already gone again
                 sock.close()
                 continue
+            except LinkError:  # it was the pinned peer
+                sock.close()
+                raise
             if len(self._clients) == MOST_CLIENTS:
                 self._leave(self._dispensable(), LinkError(self.name, "lost: its place was needed"))
             self._clients[sender] = _Client(self.name, sock, self._clock.now())

@@ -7,6 +7,7 @@ import io
 import os
 import re
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -499,6 +500,46 @@ def test_the_link_is_lost_with_the_last_client_and_back_with_the_next(tcpin: Tcp
         until(lambda: tcpin.read() == b"" and tcpin.away, tcpin)
         assert "lost: closed by the far end, waiting for the next client" in tcpin.why
     assert not tcpin.write(b"to nobody")
+
+
+def resetting(server: TcpServerLink, port: int = 0) -> socket.socket:
+    """A client from this port, whose `close` resets the connection."""
+    sock = socket.socket()
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    sock.bind(("127.0.0.1", port))
+    sock.connect(("127.0.0.1", server.port))
+    return sock
+
+
+def test_a_client_that_resets_and_comes_again_from_the_same_port_is_a_new_one(tcpin: TcpServerLink) -> None:
+    with resetting(tcpin) as first:
+        first.sendall(b"half a pack")
+        ((peer, _),) = come(tcpin)
+        tcpin.follow(peer)
+    with resetting(tcpin, peer[1]) as second:
+        until(tcpin.ready, tcpin)
+        assert tcpin.receive() == []
+        assert not tcpin.ready()  # or no loop would ever wait again
+        assert (tcpin.losses, tcpin.peer, len(tcpin._clients)) == (1, None, 1)
+        assert "lost: it has connected again, waiting for the next client" in tcpin.why
+        second.sendall(b"a packet")
+        assert come(tcpin) == [(peer, b"a packet")]
+        tcpin.follow(peer)
+        assert (tcpin.losses, tcpin.returns) == (1, 1)
+
+
+def test_a_pinned_client_that_resets_and_comes_again_from_the_same_port_has_left(tcpin: TcpServerLink) -> None:
+    with resetting(tcpin) as first:
+        first.sendall(b"a packet")
+        ((peer, _),) = come(tcpin)
+        tcpin.follow(peer)
+        tcpin.pin()
+    with resetting(tcpin, peer[1]) as second:
+        until(tcpin.ready, tcpin)
+        with pytest.raises(LinkError, match="lost: it has connected again"):
+            tcpin.receive()
+        assert second.recv(1) == b""
 
 
 def test_a_client_that_only_listens_may_close_its_sending_side(tcpin: TcpServerLink, keep: Keep) -> None:
