@@ -13,6 +13,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+from arva_hil.clock import await_descriptors
 from arva_hil.links.base import Link, LinkError, Opening
 from arva_hil.links.url import Address, AddressError
 
@@ -62,7 +63,10 @@ def _refused(address: Address, found: str) -> AddressError:
 
 
 class DroneCanLink(Link):
-    """One end of a serial tunnel, as a node of the bus."""
+    """One end of a serial tunnel, as a node of the bus.
+
+    If the bus had room for a part of a write, remembers the rest and sends it before the next write.
+    """
 
     reopened = True
 
@@ -88,7 +92,7 @@ class DroneCanLink(Link):
         mode = self._types.protocol.NodeStatus().MODE_OPERATIONAL
         self._node = Node(bus, node_id=tunnel.node, mode=mode, node_info=info)
         self._node.add_handler(self._types.tunnel.Targetted, self._on_message)
-        self._arrived = b""
+        self._arrived = self._rest = b""
         self._fd = bus.fileno()
 
     def read(self) -> bytes:
@@ -100,22 +104,12 @@ class DroneCanLink(Link):
     def write(self, data: bytes) -> bool:
         self._check_open()
         self._spin()
-        try:
-            for at in range(0, len(data), _AT_ONCE):
-                self._node.broadcast(
-                    self._types.tunnel.Targetted(
-                        protocol=self._types.tunnel.Protocol(),
-                        target_node=self._tunnel.to,
-                        serial_id=self._tunnel.serial,
-                        baudrate=_BAUD,
-                        buffer=list(data[at : at + _AT_ONCE]),
-                    )
-                )
-        except BlockingIOError:  # the bus is full
+        sent = 0 if self._rest else self._send(data)
+        if sent:
+            self._rest = bytes(data[sent:])
+        elif data:
             self.dropped += 1
             return False
-        except OSError as error:
-            raise self._lost(error) from error
         return True
 
     def ready(self) -> bool:
@@ -132,7 +126,7 @@ class DroneCanLink(Link):
             self._node.close()
 
     def _spin(self) -> None:
-        """Use the frames that have arrived, and send the status of the node when it is due."""
+        """Use the frames that have arrived, and send the rest of a write, and the node's status when it is due."""
         while True:
             try:
                 self._node.spin(0)
@@ -143,7 +137,27 @@ class DroneCanLink(Link):
             except Exception:  # a wrong frame of another node: dronecan raises errors of many kinds
                 self.strangers += 1
             else:
-                return
+                break
+        self._rest = self._rest[self._send(self._rest) :]
+
+    def _send(self, data: bytes) -> int:
+        """Send bytes in whole messages. Returns the number of bytes for which the bus had room."""
+        try:
+            for at in range(0, len(data), _AT_ONCE):
+                self._node.broadcast(
+                    self._types.tunnel.Targetted(
+                        protocol=self._types.tunnel.Protocol(),
+                        target_node=self._tunnel.to,
+                        serial_id=self._tunnel.serial,
+                        baudrate=_BAUD,
+                        buffer=list(data[at : at + _AT_ONCE]),
+                    )
+                )
+        except BlockingIOError:  # the bus is full
+            return at
+        except OSError as error:
+            raise self._lost(error) from error
+        return len(data)
 
     def _on_message(self, event: Any) -> None:
         message, tunnel = event.message, self._tunnel
@@ -219,7 +233,9 @@ class PythonCanBus:
         try:
             self._bus.send(message)
         except can.CanError as error:
-            if getattr(error, "error_code", None) in _FULL:
+            fd = self.fileno()  # python-can gives no error code if the socket has no room
+            has_room = fd is None or await_descriptors(write=[fd])
+            if getattr(error, "error_code", None) in _FULL or not has_room:
                 raise BlockingIOError("the bus is full: no other node is there, or it is busy") from error
             raise OSError(str(error)) from error
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import socket
 import sys
 from collections.abc import Callable
 from random import Random
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from arva_hil.clock import RealClock
 from arva_hil.links import AddressError, Link, LinkError, open_link
-from arva_hil.links.dronecan import open_bus
+from arva_hil.links.dronecan import PythonCanBus, open_bus
 from arva_hil.links.reconnecting import open_reconnecting
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.every import every
@@ -129,6 +131,43 @@ def test_a_full_bus_loses_frames_and_stays_open(keep: Keep, monkeypatch: pytest.
     assert receiver.dropped == 1
     assert receiver.write(FRAME)
     assert receive(autopilot, len(FRAME)) == FRAME
+
+
+def test_a_bus_that_fills_during_a_write_gets_the_rest_later(keep: Keep, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The frames of several channels in NMEA are longer than a message of the tunnel."""
+    receiver, autopilot = ends(keep, "virtual:fills")
+    long, send, room = bytes(range(200)), can.interfaces.virtual.VirtualBus.send, [25]
+
+    def send_some(bus: Any, message: Any) -> None:
+        room[0] -= 1
+        if room[0] < 0:
+            raise can.CanOperationError("no buffer space available", errno.ENOBUFS)
+        send(bus, message)
+
+    with monkeypatch.context() as fills:
+        fills.setattr(can.interfaces.virtual.VirtualBus, "send", send_some)
+        assert receiver.write(long)
+        assert not receiver.write(b"while it is full")
+        assert receive(autopilot, 120) == long[:120]
+    assert receiver.write(b"next")
+    assert receive(autopilot, 84) == long[120:] + b"next"
+    assert receiver.dropped == 1
+
+
+def test_a_socket_without_room_is_a_full_bus_and_no_lost_one() -> None:
+    """As python-can has it of SocketCAN with a long queue: an error without a number."""
+    near, far = socket.socketpair()
+    with near, far:
+        near.setblocking(False)
+        fake = SimpleNamespace(fileno=near.fileno, send=raising(can.CanOperationError("Transmit buffer full")))
+        bus = PythonCanBus(fake, [])
+        with pytest.raises(OSError, match="Transmit buffer full"):
+            bus.send(1, b"frame")
+        with contextlib.suppress(BlockingIOError):
+            while near.send(bytes(1 << 16)):
+                pass
+        with pytest.raises(BlockingIOError, match="the bus is full"):
+            bus.send(1, b"frame")
 
 
 def test_a_bus_that_does_not_send_is_lost(keep: Keep, monkeypatch: pytest.MonkeyPatch) -> None:
