@@ -202,6 +202,8 @@ class Live:
                 raise
             return False
         came = clock.now()  # after the bytes: an early time stamp would make a pose newer than it is
+        if chunks:  # a loss cuts only what came before it
+            self._audience.emit(self._monitors[name].poll(came))
         for sender, data in chunks:
             for at in range(0, len(data), _PIECE):
                 now = clock.now()

@@ -229,6 +229,30 @@ def test_a_packet_torn_by_the_loss_costs_nothing_of_the_next_session(bench: Benc
     assert bench.posed
 
 
+def test_a_loss_between_two_looks_costs_nothing_of_the_next_session(bench: Bench) -> None:
+    clock, parser = bench.clock, bench.session.reader.parser
+    packet = Encoder(1, 1).pack(dialect.MAVLink_statustext_message(4, b"low battery"))
+    skipped = parser.skipped
+
+    def read(data: bytes) -> None:
+        if data:
+            bench.autopilot.far.write(data)
+        bench.emulator._read("autopilot", clock, clock.now())
+
+    read(packet[:10])
+    bench.autopilot.pull()
+    read(b"")
+    bench.autopilot.plug()
+    clock.wait(clock.now() + 0.06)
+    read(b"")
+    read(packet[:15])
+    bench.emulator._check_links(clock.now())
+    read(packet[15:])
+    bench.emulator.finish(clock)
+    assert parser.skipped == skipped + 10
+    assert bench.diary.packets[-1].packets[-1].raw == packet
+
+
 def test_at_the_end_of_a_run_the_last_bytes_are_used_and_what_is_due_is_done_and_told(bench: Bench) -> None:
     clock, made = bench.clock, len(bench.diary.frames)
     clock.wait(bench.emulator.schedule.deadline)
