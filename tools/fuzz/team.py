@@ -122,7 +122,7 @@ class Member:
             assert place is None or all(map(math.isfinite, place)), place
         if (place := mate.handed(at)) is not None:
             assert max(map(abs, place)) <= AREA[3] + OUTSIDE_M + 0.1, f"sent to {place}"
-        assert 3.0 <= mate.height(self._height, -at[2], at) <= self._height or self._height == 3.0
+        assert 3.0 <= mate.height(self._height, -at[2], at) <= max(self._height, -at[2])  # above another as it is
         assert mate.under_another in (True, False)
         assert self._strips.exhausted in (True, False)
 
