@@ -103,6 +103,9 @@ class SignalGuard(_FirstSignal):
 
     def __enter__(self) -> SignalGuard:
         self._before = _set(self.note)
+        around = _owner(self._before.get(signal.SIGINT))
+        if isinstance(around, _FirstSignal):  # in a destructor Python drops a KeyboardInterrupt
+            self.caught = around.caught
         threading.excepthook = self._fail
         return self
 

@@ -337,6 +337,19 @@ def test_what_a_signal_has_interrupted_is_put_away_whatever_follows_within_a_sec
             signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_signal_whose_interrupt_was_lost_in_a_destructor_ends_the_next_loop() -> None:
+    class Ending:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    with interrupting():
+        del (one := [Ending()])[:]
+        with SignalGuard() as guard:
+            assert guard.caught == signal.SIGINT
+        assert one == []
+
+
 def test_after_the_loop_a_signal_interrupts_nothing_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = StepClock()
     monkeypatch.setattr(outcome, "RealClock", lambda: clock)
