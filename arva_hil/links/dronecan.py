@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from arva_hil.clock import await_descriptors
-from arva_hil.links.base import Link, LinkError, Opening
+from arva_hil.links.base import Link, LinkError, Opening, StreamLink
 from arva_hil.links.url import Address, AddressError
 
 _AT_ONCE: Final = 120  # bytes of a message
@@ -62,13 +62,11 @@ def _refused(address: Address, found: str) -> AddressError:
     return AddressError(f"{str(address)!r} {found}: write can:SERIAL0,node=42,bus=can0")
 
 
-class DroneCanLink(Link):
-    """One end of a serial tunnel, as a node of the bus.
-
-    If the bus had room for a part of a write, remembers the rest and sends it before the next write.
-    """
+class DroneCanLink(StreamLink):
+    """One end of a serial tunnel, as a node of the bus."""
 
     reopened = True
+    hint = "is the CAN adapter plugged in?"
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
@@ -83,7 +81,7 @@ class DroneCanLink(Link):
         import dronecan
         from dronecan.node import Node
 
-        self.name = name
+        super().__init__(name)
         self._tunnel = tunnel
         self._types = dronecan.uavcan
         info = self._types.protocol.GetNodeInfo.Response()
@@ -92,58 +90,21 @@ class DroneCanLink(Link):
         mode = self._types.protocol.NodeStatus().MODE_OPERATIONAL
         self._node = Node(bus, node_id=tunnel.node, mode=mode, node_info=info)
         self._node.add_handler(self._types.tunnel.Targetted, self._on_message)
-        self._arrived = self._rest = b""
+        self._arrived = b""
         self._fd = bus.fileno()
 
-    def read(self) -> bytes:
-        self._check_open()
+    def _receive(self) -> bytes:
         self._spin()
+        if not self._arrived:
+            raise BlockingIOError
         data, self._arrived = self._arrived, b""
         return data
 
-    def write(self, data: bytes) -> bool:
-        self._check_open()
-        self._spin()
-        sent = 0 if self._rest else self._send(data)
-        if sent:
-            self._rest = bytes(data[sent:])
-        elif data:
-            self.dropped += 1
-            return False
-        return True
-
-    def ready(self) -> bool:
-        if self._open and self._fd is None:
-            try:
-                self._spin()
-            except LinkError:
-                return True
-        return super().ready() or (self._open and bool(self._arrived))  # a write takes frames in too
-
-    def close(self) -> None:
-        if self._open:
-            self._open = False
-            self._node.close()
-
-    def _spin(self) -> None:
-        """Use the frames that have arrived, and send the rest of a write, and the node's status when it is due."""
-        while True:
-            try:
-                self._node.spin(0)
-            except BlockingIOError:  # the status is sent again in a second
-                return
-            except OSError as error:
-                raise self._lost(error) from error
-            except Exception:  # a wrong frame of another node: dronecan raises errors of many kinds
-                self.strangers += 1
-            else:
-                break
-        self._rest = self._rest[self._send(self._rest) :]
-
     def _send(self, data: bytes) -> int:
         """Send bytes in whole messages. Returns the number of bytes for which the bus had room."""
-        try:
-            for at in range(0, len(data), _AT_ONCE):
+        self._spin()
+        for at in range(0, len(data), _AT_ONCE):
+            try:
                 self._node.broadcast(
                     self._types.tunnel.Targetted(
                         protocol=self._types.tunnel.Protocol(),
@@ -153,20 +114,40 @@ class DroneCanLink(Link):
                         buffer=list(data[at : at + _AT_ONCE]),
                     )
                 )
-        except BlockingIOError:  # the bus is full
-            return at
-        except OSError as error:
-            raise self._lost(error) from error
+            except BlockingIOError:  # the bus is full
+                return at
         return len(data)
+
+    def ready(self) -> bool:
+        if self._open and self._fd is None:
+            try:
+                self._spin()
+            except OSError:  # of a lost link, which `read` raises
+                return True
+        return super().ready() or (self._open and bool(self._arrived))  # a write takes frames in too
+
+    def _shut(self) -> None:
+        self._node.close()
+
+    def _spin(self) -> None:
+        """Use the frames that have arrived, and send the status of the node when it is due."""
+        while True:
+            try:
+                self._node.spin(0)
+            except BlockingIOError:  # the status is sent again in a second
+                return
+            except OSError:
+                raise
+            except Exception:  # a wrong frame of another node: dronecan raises errors of many kinds
+                self.strangers += 1
+            else:
+                return
 
     def _on_message(self, event: Any) -> None:
         message, tunnel = event.message, self._tunnel
         ends = event.transfer.source_node_id, message.target_node, message.serial_id
         if ends == (tunnel.to, tunnel.node, tunnel.serial):
             self._arrived += bytes(message.buffer)
-
-    def _lost(self, error: OSError) -> LinkError:
-        return LinkError(self.name, f"lost: {error.strerror or error}", "is the CAN adapter plugged in?")
 
 
 _EXTENDED: Final = 1 << 31
