@@ -151,7 +151,7 @@ class TlogReader(Iterable[Record]):
 
     - `records`: the records so far. `consumed`: the bytes so far, of `size`.
     - `skipped`: the bytes of garbage between records. `torn`: the bytes of an incomplete last record.
-    - `first_us`, `last_us`: the times of the first and the latest record; None before the first.
+    - `last_us`: the time of the latest record; None before the first.
 
     `stamped` is False for a log without time stamps; then every record's time is 0. `layout`: the layout of the
     records, in words.
@@ -164,7 +164,6 @@ class TlogReader(Iterable[Record]):
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = os.fspath(path)
         self.records = self.skipped = self.torn = self.consumed = 0
-        self.first_us: int | None = None
         self.last_us: int | None = None
         self._file = _open_regular(self.path)
         self.size = os.fstat(self._file.fileno()).st_size
@@ -213,8 +212,6 @@ class TlogReader(Iterable[Record]):
                     good = is_step(buffer, at, self.last_us if in_step else None, layout)
                 if good:
                     record = Record(time_us, buffer[at + before : end])
-                    if self.first_us is None:
-                        self.first_us = time_us
                     self.last_us = time_us
                     self.records += 1
                     self.consumed += length

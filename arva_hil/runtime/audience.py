@@ -21,7 +21,6 @@ class Audience:
     """The observers. One that raises is switched off, and the others get an `ObserverFailed`."""
 
     def __init__(self, observers: Sequence[Observer]) -> None:
-        self.failed = 0
         self._observers = list(observers)
 
     def emit(self, events: Sequence[Event]) -> None:
@@ -38,7 +37,6 @@ class Audience:
     def _switch_off(self, observer: Observer, event: Event, error: BaseException) -> None:
         left = [one for one in self._observers if one is not observer]
         if len(left) < len(self._observers):  # not yet, while another one got it
-            self.failed += 1
             self._observers = left
             self.emit([ObserverFailed(event.time_s, type(observer).__name__, shown(error))])
 
