@@ -20,6 +20,7 @@ from arva_hil.clock import Clock
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.dialect import CRC_EXTRA, MAVLINK_MSG_ID_CURRENT_MODE
 from arva_hil.search.flight.airborne import Deviation, SetPointCheck
+from arva_hil.simulated import arducopter
 from arva_hil.simulated.arducopter import FAILSAFES
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -847,6 +848,28 @@ def test_a_hold_that_px4_was_not_asked_for_and_never_reported_is_the_pilots_by_t
 
 def modes_ordered_so_far(world: World) -> list[int]:
     return [int(m.param2) << 16 for _, m in world.told if getattr(m, "command", 0) == SET_MODE]
+
+
+@BOTH
+def test_a_stick_with_a_long_travel_is_a_pilots(make: Callable[[], Any]) -> None:
+    """With 150 % of travel a stick has 900 to 2100 µs."""
+    world = World(make())
+    radio = Radio(world, *AT_REST)
+    world.hunt()
+    radio.pulses = (900, *AT_REST[1:])
+    is_given_to_the_pilot(world, "a stick (channel 1, by 600 µs)")
+
+
+def test_a_low_throttle_hides_no_stick_unless_the_radio_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(arducopter._VALUES, "FS_THR_VALUE", 910)
+    world = World(ardupilot())
+    radio = Radio(world, 1500, 1500, 930, *AT_REST[3:])
+    world.hunt()
+    radio.pulses = (1900, 1500, 905, *AT_REST[3:])
+    world.pass_s(1)
+    assert world.client._commander.phase.name == "FLYING"
+    radio.pulses = (1900, 1500, 930, *AT_REST[3:])
+    world.until(lambda: world.client._commander.phase.name == "YIELDING", WITHIN_S)
 
 
 def test_px4_may_give_the_vehicle_to_the_sticks_itself() -> None:

@@ -19,7 +19,8 @@ _MOVED_US: Final = 75  # a stick has moved: 15 % of its travel from the middle
 _SWITCHED_US: Final = 250  # a switch has moved: half the travel of one with three positions
 _CENTRE_US: Final = 1500
 _MIDDLE_US: Final = (1400, 1600)  # of the throttle: LOITER keeps the height
-_PULSE_US: Final = (975, 2200)  # pulses outside are not from a radio: ArduPilot's FS_THR_VALUE is 975
+_PULSE_US: Final = (800, 2200)  # pulses outside are not from a radio, as for ArduPilot
+_LOST_US: Final = 975.0  # ArduPilot's default for FS_THR_VALUE
 _ABSENT: Final = (0, 0xFFFF)  # pulses of channels that do not exist
 _TWICE: Final = 2  # messages in a row, to ignore glitches
 _FULL: Final = 1000  # MANUAL_CONTROL: the end of an axis; the throttle begins at 0
@@ -88,11 +89,13 @@ class Sticks:
     """Remembers whether a stick or a switch has moved since `mark`.
 
     `moved`: the movement; None without one. `channel`: the one that was moved, from 1. `by_us`: how far, in µs.
-    `throttle`: the number of the throttle's channel. `remote`: the autopilot has a remote control that works.
+    `throttle`: the number of the throttle's channel. `lost_us`: its pulse is lower if the radio is lost. `remote`: the
+    autopilot has a remote control that works.
     """
 
     def __init__(self) -> None:
         self.throttle = 3
+        self.lost_us = _LOST_US
         self.moved: Reason | None = None
         self.channel = self.by_us = 0
         self.remote = False
@@ -128,7 +131,9 @@ class Sticks:
         if kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
             self.remote = bool(message.onboard_control_sensors_present & message.onboard_control_sensors_health & _RC)
         elif kind == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
-            pulses = [getattr(message, f"chan{n}_raw") if self._usable else 0 for n in _CHANNELS]
+            pulses = [getattr(message, f"chan{n}_raw") for n in _CHANNELS]
+            if not self._usable or any(0 < us < self.lost_us for us in pulses[self.throttle - 1 : self.throttle]):
+                pulses = [0] * len(pulses)
             channel, by_us = self._radio.on_pulses(pulses, self.throttle, flown=flown)
             self._on_moved(channel, by_us, because(Why.CHANNEL_MOVED, channel=channel, by_us=by_us))
         else:

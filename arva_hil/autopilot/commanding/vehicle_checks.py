@@ -19,7 +19,7 @@ from arva_hil.mavlink.codec import command, dialect
 
 _AGAIN_S: Final = 0.5
 _TRIES: Final = 4
-_ARDUPILOT: Final = ("FS_THR_ENABLE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE")
+_ARDUPILOT: Final = ("FS_THR_ENABLE", "FS_THR_VALUE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE")
 _PX4: Final = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T", "NAV_RCL_ACT", "NAV_DLL_ACT", "COM_RC_OVERRIDE")
 _FENCE: Final = {  # by: the autopilot is PX4
     False: ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS", "FENCE_TOTAL"),

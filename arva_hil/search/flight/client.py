@@ -238,8 +238,9 @@ class SearchClient:
             return
         self._session.pin()
         self._line.pin()
-        if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
-            self._commander.sticks.throttle = int(throttle)
+        sticks, values = self._commander.sticks, self._preflight.failsafes.values
+        sticks.throttle = int(values.get("RCMAP_THROTTLE", sticks.throttle))
+        sticks.lost_us = values.get("FS_THR_VALUE", sticks.lost_us)
         self._events.append(Launched(now, str(self._session.vehicle), self._flight.plan.take_over))
 
     def _conclude(self, now: float) -> None:
