@@ -413,15 +413,16 @@ def test_what_is_answered_to_us_or_to_all_counts_and_no_other_answer(targets: li
 
 def test_sticks_are_known_of_a_radio_that_is_there() -> None:
     sticks = Sticks()
-    assert not sticks.known
+    assert not sticks.known(0.0)
     sticks.remote = True
-    assert not sticks.known
-    for _ in range(2):
-        sticks.on_message(dialect.MAVLink_rc_channels_message(0, 4, *[1500] * 18, 255))
-    assert sticks.known
+    assert not sticks.known(0.0)
+    for now in (0.0, 0.2):
+        sticks.on_message(dialect.MAVLink_rc_channels_message(0, 4, *[1500] * 18, 255), now)
+    assert sticks.known(2.0)
+    assert not sticks.known(2.3)
     sticks.mark()
     sticks.remote = False
-    assert not sticks.known
+    assert not sticks.known(2.0)
 
 
 # -- refusals ----------------------------------------------------------------------------------------------

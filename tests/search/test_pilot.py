@@ -385,6 +385,17 @@ def test_a_battery_ends_it_even_where_the_failsafe_only_warns(
     assert world.mode == mode
 
 
+def test_a_throttle_that_was_in_the_middle_seconds_ago_orders_no_loiter() -> None:
+    """The stick may be down by now, and LOITER would sink."""
+    world = hunting(ardupilot())
+    world.between = without(dialect.MAVLINK_MSG_ID_RC_CHANNELS)
+    world.pass_s(3)
+    low, quiet = says(BATTERY_STATUS), world.between
+    world.between = lambda data: quiet(low(data))
+    assert "low battery; the autopilot receives no radio, so the pilot cannot have it" in world.fail(2.0)
+    assert world.mode == Mode.GUIDED
+
+
 @pytest.mark.parametrize(("make", "message"), [(ardupilot, SYS_STATUS), (px4, BATTERY_STATUS)])
 def test_a_battery_that_was_not_measured_yet_is_waited_for(make: Callable[[], Any], message: int) -> None:
     """ArduPilot's first words of a battery, behind its start, are that it is not healthy: no failsafe has triggered."""

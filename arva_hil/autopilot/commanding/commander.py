@@ -378,7 +378,7 @@ class Commander(FlightState):
             self._times.next_order = now + max(0.0, _FLOWING_S - late)
         elif self.phase is Phase.HOLDING and in_mode and late > _STOPPED_S:
             self.phase = Phase.ENDED
-        elif self.phase is Phase.YIELDING and late > _STOPPED_S and not (self._modes.px4 or self.sticks.known):
+        elif self.phase is Phase.YIELDING and late > _STOPPED_S and not (self._modes.px4 or self.sticks.known(now)):
             self._lose(because(Why.NO_RADIO))
         elif late > self._times.limit_s and not (self.phase is Phase.FLYING and in_mode):
             reasons = self._reasons() or [because(Why.NO_EXPLANATION)]
@@ -400,7 +400,7 @@ class Commander(FlightState):
             still = self.phase is not Phase.FLYING or self.authority.borrowed
             messages.append(self._set_points.message(vehicle, still=still))
         if now >= self._times.next_order:
-            order, again = self._order(vehicle)
+            order, again = self._order(vehicle, now)
             if order is None:
                 self._times.next_order = now + again
             elif self.authority.fresh(now):
@@ -416,7 +416,7 @@ class Commander(FlightState):
             refused = self._complaints.refused_order, self._complaints.refused_result
             self._emit(ArmingTried(now, self._session.name, self._tries, _ARM_AGAIN_S, *refused))
 
-    def _order(self, vehicle: Vehicle) -> tuple[Any | None, float]:
+    def _order(self, vehicle: Vehicle, now: float) -> tuple[Any | None, float]:
         """Return the pending order, None if there is none, and the time [s] until it is repeated."""
         modes = self._modes
         to = vehicle.system, vehicle.component
@@ -428,7 +428,7 @@ class Commander(FlightState):
             return command(*to, _ARM, 0), _REPEAT_S
         if self.phase is Phase.ARMING and self.authority.in_mode:
             return (command(*to, _ARM, 1), _ARM_AGAIN_S) if not self.held_back else (None, 0.0)
-        waits = self.phase is Phase.YIELDING and not (modes.px4 or self.sticks.throttle_in_middle)
+        waits = self.phase is Phase.YIELDING and not (modes.px4 or self.sticks.throttle_in_middle(now))
         if self.authority.in_mode or waits:
             return None, 0.0
         if self.phase is Phase.LANDING:
@@ -487,7 +487,7 @@ class Commander(FlightState):
 
     def _on_status(self, message: Any, now: float) -> None:
         self._complaints.on_status(message)
-        self.sticks.on_message(message)
+        self.sticks.on_message(message, now)
         self._on_battery(message, now)
 
     def _on_battery(self, message: Any, now: float) -> None:
@@ -495,7 +495,7 @@ class Commander(FlightState):
         self._watch_pilot(now)
 
     def _on_sticks(self, message: Any, now: float) -> None:
-        self.sticks.on_message(message, flown=self.phase is not Phase.ARMING)
+        self.sticks.on_message(message, now, flown=self.phase is not Phase.ARMING)
         self._watch_pilot(now)
 
     def _watch_pilot(self, now: float) -> None:
@@ -517,7 +517,7 @@ class Commander(FlightState):
             self.why = (why,)
             self._enter(Phase.YIELDING, now, self._modes.yields, _PX4_YIELDS_S if px4 else None)
             self._times.next_order = now + _OWN_MODE_S
-            if not (px4 or self.sticks.throttle_in_middle):
+            if not (px4 or self.sticks.throttle_in_middle(now)):
                 self._emit(ThrottleAwaited(now, self._session.name, self.sticks.channel, self.sticks.by_us))
 
 

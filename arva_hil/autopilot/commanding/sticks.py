@@ -7,6 +7,7 @@ MANUAL_CONTROL on the link is a request, which the autopilot may not follow.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -22,6 +23,7 @@ _MIDDLE_US: Final = (1400, 1600)  # of the throttle: LOITER keeps the height
 _PULSE_US: Final = (800, 2200)  # pulses outside are not from a radio, as for ArduPilot
 _LOST_US: Final = 975.0  # ArduPilot's default for FS_THR_VALUE
 _ABSENT: Final = (0, 0xFFFF)  # pulses of channels that do not exist
+_FRESH_S: Final = 2.0  # after this time without a message the radio is not known
 _TWICE: Final = 2  # messages in a row, to ignore glitches
 _FULL: Final = 1000  # MANUAL_CONTROL: the end of an axis; the throttle begins at 0
 _AXES: Final = ("roll", "pitch", "throttle", "yaw")
@@ -102,17 +104,15 @@ class Sticks:
         self._had_remote = False  # at the mark
         self._marked = False
         self._radio, self._manual = _Pulses(), _Pulses()
+        self._radio_s = -math.inf  # the time of its last message
 
-    @property
-    def known(self) -> bool:
-        """True if there is a radio."""
-        return self._usable and bool(self._radio.now)
+    def known(self, now: float) -> bool:
+        """Return True if there is a radio."""
+        return self._usable and bool(self._radio.now) and now - self._radio_s <= _FRESH_S
 
-    @property
-    def throttle_in_middle(self) -> bool:
-        low, high = _MIDDLE_US
-        now = self._radio.now
-        return self.known and 1 <= self.throttle <= len(now) and low <= now[self.throttle - 1] <= high
+    def throttle_in_middle(self, now: float) -> bool:
+        (low, high), us = _MIDDLE_US, self._radio.now
+        return self.known(now) and 1 <= self.throttle <= len(us) and low <= us[self.throttle - 1] <= high
 
     @property
     def _usable(self) -> bool:
@@ -125,8 +125,8 @@ class Sticks:
         self._radio.mark()
         self._manual.mark()
 
-    def on_message(self, message: Any, *, flown: bool = True) -> None:
-        """Use one of the messages in `STICKS_WANTED`. `flown`: the vehicle flies."""
+    def on_message(self, message: Any, now: float, *, flown: bool = True) -> None:
+        """Use one of the messages in `STICKS_WANTED`, received at `now` [s]. `flown`: the vehicle flies."""
         kind = type(message).id
         if kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
             self.remote = bool(message.onboard_control_sensors_present & message.onboard_control_sensors_health & _RC)
@@ -134,6 +134,7 @@ class Sticks:
             pulses = [getattr(message, f"chan{n}_raw") for n in _CHANNELS]
             if not self._usable or any(0 < us < self.lost_us for us in pulses[self.throttle - 1 : self.throttle]):
                 pulses = [0] * len(pulses)
+            self._radio_s = now
             channel, by_us = self._radio.on_pulses(pulses, self.throttle, flown=flown)
             self._on_moved(channel, by_us, because(Why.CHANNEL_MOVED, channel=channel, by_us=by_us))
         else:
