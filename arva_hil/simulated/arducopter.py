@@ -29,7 +29,14 @@ FAILSAFES: Final = {
     "radio": Failsafe(dialect.MAV_SEVERITY_WARNING, b"Radio Failsafe - RTL", Mode.RTL),
 }
 
-_FENCE: Final = {"FENCE_ENABLE": 0, "FENCE_TYPE": 7, "FENCE_ALT_MAX": 100, "FENCE_RADIUS": 150, "FENCE_TOTAL": 0}
+_FENCE: Final = {
+    "FENCE_ENABLE": 0,
+    "FENCE_AUTOENABLE": 0,
+    "FENCE_TYPE": 7,
+    "FENCE_ALT_MAX": 100,
+    "FENCE_RADIUS": 150,
+    "FENCE_TOTAL": 0,
+}
 _VALUES: Final = {
     "FS_THR_ENABLE": 1,
     "FS_THR_VALUE": 975,

@@ -22,7 +22,7 @@ _TRIES: Final = 4
 _ARDUPILOT: Final = ("FS_THR_ENABLE", "FS_THR_VALUE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE")
 _PX4: Final = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T", "NAV_RCL_ACT", "NAV_DLL_ACT", "COM_RC_OVERRIDE")
 _FENCE: Final = {  # by: the autopilot is PX4
-    False: ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS", "FENCE_TOTAL"),
+    False: ("FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS", "FENCE_TOTAL"),
     True: ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"),
 }
 _HEIGHT, _CIRCLE, _POLYGONS = 1, 2, 4  # bits of FENCE_TYPE
@@ -114,7 +114,8 @@ def fence_of(values: Mapping[str, float], *, px4: bool) -> Fence:
     if px4:
         on = int(values.get("GF_ACTION", 0))
         return Fence(_limit(values, "GF_MAX_HOR_DIST", on), _limit(values, "GF_MAX_VER_DIST", on))
-    kinds = int(values.get("FENCE_TYPE", 0)) if values.get("FENCE_ENABLE") else 0
+    on = int(values.get("FENCE_ENABLE") or values.get("FENCE_AUTOENABLE") or 0)  # the latter: from arming or later on
+    kinds = int(values.get("FENCE_TYPE", 0)) if on else 0
     points = int(values.get("FENCE_TOTAL", 0)) if kinds & _POLYGONS else 0
     circle = _limit(values, "FENCE_RADIUS", kinds & _CIRCLE)
     return Fence(circle, _limit(values, "FENCE_ALT_MAX", kinds & _HEIGHT), points)
