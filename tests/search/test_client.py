@@ -673,7 +673,7 @@ def test_who_had_the_vehicle_meanwhile_is_seen_before_anything_is_ordered() -> N
     world.plugs[0].there = True
     world.between = without(HEARTBEAT)
     world.stay_silent(4, since=0.0)
-    assert world.client._preflight._has_pose(world.clock.now())
+    assert world.client._preflight.why_no_pose(world.clock.now()) is None
     assert world.client.outcome is None
     world.between = bytes
     assert world.end(3.0) == ("failed", ARMED_ALREADY)

@@ -550,6 +550,20 @@ def test_frames_that_stop_for_a_moment_while_it_arms_only_delay_it() -> None:
     assert world.end() == ("found", "found")
 
 
+def test_a_pose_that_is_missing_while_it_arms_only_delays_it() -> None:
+    vehicle = px4(healthy=False)
+    world = reaching("arming", vehicle)
+    world.between = without(GLOBAL_POSITION)
+    world.pass_s(5)
+    vehicle.healthy = True
+    blind = world.clock.now()
+    world.pass_s(4)
+    assert not world.armed
+    assert world.orders(blind) == []
+    world.between = bytes
+    assert world.end() == ("found", "found")
+
+
 def test_a_heartbeat_that_is_missing_before_arming_is_reported() -> None:
     vehicle = px4(healthy=False)
     world = reaching("arming", vehicle)

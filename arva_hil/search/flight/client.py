@@ -210,7 +210,8 @@ class SearchClient:
             self._commander.hold(now)
         elif phase is Phase.ARMING:
             no_frames = because(Why.NO_FRAMES_YET) if self._receiver.silent(now) else None
-            self._commander.held_back = because(Why.UNDER_ANOTHER) if self._flight.wait(now) else no_frames
+            lacking = no_frames or self._preflight.why_no_pose(now)
+            self._commander.held_back = because(Why.UNDER_ANOTHER) if self._flight.wait(now) else lacking
             if self._receiver.silent(now, self._flight.plan.patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:

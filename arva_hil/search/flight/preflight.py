@@ -366,8 +366,8 @@ class Preflight:
             return Refusal("failed", because(Why.ARMED_ALREADY))
         if self._receiver.silent(now):
             return lack("frame", now, "no link", self._receiver.why_silent(now))
-        if not self._has_pose(now):
-            return lack("pose", now, "failed", because(Why.NO_POSE, lacking=session.why_no_pose()))
+        if no_pose := self.why_no_pose(now):
+            return lack("pose", now, "failed", no_pose)
         newest = self._commander.authority.mode  # PX4 sends a heartbeat once a second, and each new mode at once
         if self._hover and (moving := self._hover.why_not(now, newest)):
             return lack("hover", now, "failed", because(Why.CANNOT_TAKE_OVER, because=moving))
@@ -415,7 +415,9 @@ class Preflight:
             self._emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
         return None
 
-    def _has_pose(self, now: float) -> bool:
+    def why_no_pose(self, now: float) -> Reason | None:
+        """Return the reason if the pose is not known or too old, otherwise None."""
         place = self._session.navigation.track.last_position
         state = self._session.navigation.state_at(now, place.frame) if place else None
-        return state is not None and state.age_s < OLD_S and not self._session.lost
+        known = state is not None and state.age_s < OLD_S and not self._session.lost
+        return None if known else because(Why.NO_POSE, lacking=self._session.why_no_pose())
