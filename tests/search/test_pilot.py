@@ -923,6 +923,15 @@ def test_a_stick_stops_the_vehicle_before_its_mode_changes(make: Callable[[], An
     assert {(m.vx, m.vy, m.vz) for at, m in set_points(world) if at > stopped} == {(0, 0, 0)}
 
 
+@BOTH
+def test_a_stick_that_moves_while_it_lands_ends_nothing(make: Callable[[], Any]) -> None:
+    """PX4 reports another mode when it has landed, before the heartbeat reports that it is disarmed."""
+    world = reaching("landing", make())
+    world.pass_s(1)
+    sticks(world, 1800, 1500, 1500, 1500)
+    assert world.end() == ("found", "found")
+
+
 def test_a_stick_that_moves_while_px4_still_stands_keeps_it_on_the_ground(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(simulated_px4._COMMANDS, dialect.MAV_CMD_NAV_TAKEOFF, lambda *_: (0,))  # it is late
     vehicle = px4()

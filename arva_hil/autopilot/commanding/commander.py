@@ -502,12 +502,13 @@ class Commander(FlightState):
         """Give the vehicle to the pilot after a stick was moved, or with a low battery.
 
         Set-points have velocity 0 at once. The mode is ordered a little later, because the autopilot may give the
-        vehicle to the sticks by itself, or be about to report the mode of a switch.
+        vehicle to the sticks by itself, or be about to report the mode of a switch. In another mode already, as PX4
+        after a landing, the heartbeat decides.
         """
         moved, px4 = self.sticks.moved, self._modes.px4
         battery = self.battery.why(now)
         why = moved or (because(battery) if battery else None)
-        if why is None or self._leave_alone(now, why):
+        if why is None or self.authority.usurped or self._leave_alone(now, why):
             return
         flown, steered = self.phase in (Phase.CLIMBING, Phase.FLYING), moved and self._steered
         on_the_ground = self.authority.mode == self._modes.hold  # PX4 is still in the mode in which it armed
