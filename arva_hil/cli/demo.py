@@ -9,7 +9,7 @@ import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,11 +23,8 @@ from arva_hil.cli.search_report import name as name_of
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, StepClock, Waitable, utc
 from arva_hil.config import Scenario
-from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
-from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TransmitterChosen
-from arva_hil.events.words.sentences import sentence
-from arva_hil.events.words.text import Notice, in_metres
+from arva_hil.events.words.text import in_metres
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.web.address import HostPort
@@ -101,7 +98,6 @@ def _is_ours(path: Path, before_s: float) -> bool:
 
 
 _AROUND_S: Final = 120.0  # for take-off and landing
-_TOLD: Final = (TransmitterChosen, PlaceFound, SearchEnded)  # of a team
 
 
 def main(options: argparse.Namespace) -> int:
@@ -149,7 +145,6 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
             wires=wires,
             observers=surroundings.observers,
             tell_packets=bool(options.record or surroundings.page),
-            emit=_news(surroundings) if team else None,
             log=log.row if log else None,
         )
         surroundings.printer.say(
@@ -198,18 +193,6 @@ def _team(options: argparse.Namespace, base: Scenario) -> Scenario:
 def _check_pose(chosen: Scenario, why: str) -> None:
     if chosen.navigation_error:
         raise UsageError(f"navigation_error: the demo does not support it, {why}: use --gps-noise instead")
-
-
-def _news(surroundings: common.Run) -> Callable[[str, Event], None]:
-    """Return the receiver of the events of a team: the page, and of the most important ones the printer."""
-
-    def emit(name: str, event: Event) -> None:
-        if surroundings.page:
-            surroundings.page.observe(FromSearch(event.time_s, event, name))
-        if isinstance(event, _TOLD) and (said := sentence(event)):
-            surroundings.printer.notice(Notice(said.level, f"{name}: {said.text}"))
-
-    return emit
 
 
 def _outcome(drone: Drone, code: int) -> Outcome:

@@ -208,6 +208,8 @@ def test_two_drones_find_one_transmitter_each_and_what_was_not_found_is_named(
     assert run["vehicles"].keys() == {"drone-1", "drone-2"}
     assert run["scenario"]["datum"] == {"lat": 46.0123, "lon": 7.7456, "alt": 1650.0}  # so that a replay has the same
     assert (record / "drone-2" / "receiver" / "frames.bin").stat().st_size > 0
+    recorded = [json.loads(line) for line in (record / "events.jsonl").read_text().splitlines()]
+    assert {one["of"] for one in recorded if one["event"] == "place_found"} == {"drone-1", "drone-2"}
 
 
 def test_a_computer_that_is_too_slow_for_the_speed_is_named_as_the_cause(arva: Arva, field: Path) -> None:

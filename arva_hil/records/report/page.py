@@ -75,8 +75,7 @@ def _happened(event: Any) -> dict[str, Any] | None:
     """Return the console's text of an event, with its time and level; None without one."""
     if (notice := notice_of(event)) is None:
         return None
-    by = "search: " if event.get("by") == "search" and not notice.text.startswith("search: ") else ""
-    return {"time_s": event["time_s"], "level": notice.level, "text": by + one_line(notice.text)}
+    return {"time_s": event["time_s"], "level": notice.level, "text": one_line(notice.text)}
 
 
 def _pictures(names: Sequence[str], recordings: Sequence[Recording]) -> list[tuple[str, str]] | None:
