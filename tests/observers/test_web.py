@@ -302,21 +302,24 @@ def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() ->
 
 def test_a_victim_has_its_time_from_the_start_of_the_search_and_loses_its_mark() -> None:
     state = State("search", "estimate", known=False)
-    noted = VictimNoted(40.5, 7, 1, None, 5.0, 1.0, True, True, 0, False)
-    state.update([SearchBegun(10.0, 3.0, None, (-5, -10, 5, 10), 20.0, 900.0), noted])
+    noted = VictimNoted(42.5, 7, 1, None, 5.0, 1.0, True, True, 0, False)  # the receiver took 2 s to mark it
+    begun = SearchBegun(10.0, 3.0, None, (-5, -10, 5, 10), 20.0, 900.0)
+    state.update([begun, PlaceFound(40.5, 7, 5.0, 1.0, None, True), noted])
     search = shown(state)["search"]
     assert (search["wanted"], search["area"], search["strip_m"]) == (None, [-5, -10, 5, 10], 20.0)
-    assert search["left_s"] == round(900 - 30.5)
+    assert search["left_s"] == round(900 - 32.5)
     assert [(one["took_s"], one["marked"], one["lat_lon"]) for one in search["victims"]] == [(30.5, True, None)]
     state.update([MarkLost(41.0, 7, 1)])
     assert not shown(state)["search"]["victims"][0]["marked"]
 
 
-def test_a_place_has_a_qr_code_once_the_search_is_over() -> None:
-    state = state_of(
-        [TakeOffPoint(1.0, *HOME), PlaceFound(3.0, 7, 5.0, 1.0, None, True)], "search", "estimate", known=False
-    )
-    assert shown(state)["search"]["victims"][0]["qr"] is None
+def test_a_place_is_the_terminal_s_and_has_a_qr_code_once_the_search_is_over() -> None:
+    place = 5.0004, 1.0004
+    found = PlaceFound(3.0, 7, *place, None, True)
+    state = state_of([TakeOffPoint(1.0, *HOME), found], "search", "estimate", known=False)
+    victim = shown(state)["search"]["victims"][0]
+    assert victim["qr"] is None
+    assert victim["lat_lon"] == pytest.approx(LocalFrame(*HOME).lla([*place, 0.0])[:2], abs=1e-12)  # as in the terminal
     state.end("stopped")
     assert shown(state)["search"]["victims"][0]["qr"].startswith("data:image/svg+xml")
 
