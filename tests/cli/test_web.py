@@ -551,6 +551,7 @@ def test_a_team_is_on_one_map_and_each_drone_is_chosen_there(tab: Tab, serve: Se
     for name, choose in (("drone-2", lambda place: place.click()), ("drone-1", lambda place: place.press("Enter"))):
         choose(tab.page.locator(f'[data-key="{name}/receiver"]'))
         assert tab.page.locator("#receiver").input_value() == f"{name}/receiver"
+        assert tab.page.locator("#device-name").bounding_box()["height"] < 24  # in one line
         page.observe(made(4, 9.0, of=(name, "receiver")))
 
 
