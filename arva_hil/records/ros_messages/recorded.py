@@ -33,7 +33,7 @@ def messages_of(recording: Recording) -> Iterator[Publication]:
     parts: list[Iterator[Event]] = [_of_receiver(receiver) for receiver in recording.receivers]
     parts.append(iter(recording.status))
     if recording.search:
-        parts.append(_of_search(recording.search))
+        parts += [_of_search(recording.search), _places(recording.search)]
     for event in heapq.merge(_datums(recording), *parts, key=lambda event: event.time_s):
         yield from made.of_event(event)
 
@@ -85,7 +85,7 @@ def _whole(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _of_search(search: RecordedSearch) -> Iterator[Event]:
-    """Yield the steps with a frame, and the place found at the last step."""
+    """Yield the steps with a frame."""
     times = (search.time_s + search.start_s).tolist()
     if search.origin:
         yield TakeOffPoint(times[0] if times else 0.0, *search.origin)
@@ -99,14 +99,21 @@ def _of_search(search: RecordedSearch) -> Iterator[Event]:
         known = all(map(math.isfinite, every))
         place = (north, east, down) if known else None
         yield FrameHeard(times[n], Frame(0, 0, (channel,)), place, heading_deg if known else None)
-    if (found := search.found) is not None and times:
+
+
+def _places(search: RecordedSearch) -> Iterator[Event]:
+    """Yield each place found at its time; one without a time at the last step."""
+    times = search.time_s + search.start_s
+    begun_s = next(iter(times[search.flying]), math.inf)
+    for found in search.places if len(times) else ():
+        took_s = math.inf if found.time_s is None else found.time_s
         yield PlaceFound(
-            times[-1],
-            search.target,
+            float(min(times[-1], begun_s + took_s)),
+            found.id,
             found.north,
             found.east,
             found.covariance,
-            True,
+            found.sure,
             found.relative_covariance,
             found.earth_covariance,
             found.autopilot_sigma_m,

@@ -69,7 +69,7 @@ class SearchMessages:
             shapes = self._believed(event, ros.header(stamp, TAKE_OFF))
             return [ros.Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))]
         elif isinstance(event, PlaceFound):
-            self._found = event
+            self._found, self._told_s = event, -math.inf  # at once
             return self._again(event.time_s, stamp)
         return []
 

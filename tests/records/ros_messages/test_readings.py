@@ -386,6 +386,19 @@ def test_the_messages_come_in_the_order_of_their_times_whatever_they_are_of(tmp_
     assert {p.topic for p in every} >= {"/arva", "/diagnostics", "/search/arva", "/search/pose", "/search/found"}
 
 
+def test_every_victim_of_a_search_is_there_from_its_time_on(tmp_path: Path) -> None:
+    victims = [
+        {"id": n, "north": n, "east": 0.0, "time_s": 4.0 - 1.5 * n} for n in (1, 2)
+    ]  # of the take-off, after 1 s
+    every = list(messages_of(load_record(made_records.write_search(tmp_path, victims=victims))))
+    began_ns = min(publication.stamp_ns for publication in every)
+    told = [
+        (p.stamp_ns - began_ns, *by_topic([p])["/search/visualization"]["markers"]) for p in every if "vis" in p.topic
+    ]
+    shown = [(ns / 1e9, marker["pose"]["position"]["y"]) for ns, marker in told]
+    assert shown == [(2.0, 2.0), (3.0, 2.0), (3.5, 1.0), (5.0, 1.0)]
+
+
 def test_several_receivers_have_their_topics(tmp_path: Path) -> None:
     scenario = load("configs/two_vehicles.yaml")
     names = [("alpha", "front"), ("alpha", "rear"), ("bravo", "only")]
