@@ -98,7 +98,7 @@ class SearchView:
             "place": [round(north_m, 3), round(east_m, 3)],
             "lat_lon": lat_lon,
             "qr": _qr_code(*lat_lon) if over and lat_lon else None,
-            "took_s": None if took_s is None else round(took_s, 1),
+            "took_s": took_s,
             "sure": victim.sure,
             "marked": noted is not None and noted.marked,
             "left": noted and noted.left,
