@@ -286,8 +286,11 @@ def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() ->
     assert search["take_off"] == pytest.approx([1.0, 0.0], abs=0.01)
     assert search["mean"] == pytest.approx([6.0, 1.0], abs=0.01)
     assert search["goal"] == pytest.approx([6.0, 6.0], abs=0.01)
-    state.update([FromSearch(3.0, PlaceFound(3.0, 7, 5.0, 1.0, None, False, autopilot_sigma_m=2.5))])
+    fine = (0.00063, 0.0, 0.0006)  # 3 cm
+    place_found = PlaceFound(3.0, 7, 5.0, 1.0, None, False, relative_covariance=fine, autopilot_sigma_m=2.5)
+    state.update([FromSearch(3.0, place_found)])
     found = shown(state)["search"]["found"]
+    assert found["relative_covariance"] == [*fine]
     assert (found["place"], found["autopilot_sigma_m"]) == (pytest.approx([6.0, 1.0], abs=0.01), 2.5)
     noted = VictimNoted(4.0, 7, 1, 2, 5.0, 1.0, True, True, 1, False)
     state.update([FromSearch(event.time_s, event) for event in (noted, TransmitterChosen(5.0, 8, 20.0))])
@@ -319,7 +322,10 @@ def test_a_place_is_the_terminal_s_and_has_a_qr_code_once_the_search_is_over() -
     place = 5.0004, 1.0004
     found = PlaceFound(3.0, 7, *place, None, True)
     state = state_of([TakeOffPoint(1.0, *HOME), found], "search", "estimate", known=False)
+    state.update([status(3.0, transmitters((5.0123456, 1.0, 0.0)))])
+    assert shown(state)["transmitters"][0]["place"] == [5.012346, 1.0, 0.0]  # so that the error is the report's
     victim = shown(state)["search"]["victims"][0]
+    assert victim["place"] == [*place]
     assert victim["qr"] is None
     assert victim["lat_lon"] == pytest.approx(LocalFrame(*HOME).lla([*place, 0.0])[:2], abs=1e-12)  # as in the terminal
     state.end("stopped")

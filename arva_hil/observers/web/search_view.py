@@ -95,7 +95,7 @@ class SearchView:
         noted = victim if isinstance(victim, searches.VictimNoted) else None
         return {
             "id": victim.transmitter,
-            "place": [round(north_m, 3), round(east_m, 3)],
+            "place": [round(north_m, 6), round(east_m, 6)],
             "lat_lon": lat_lon,
             "qr": _qr_code(*lat_lon) if over and lat_lon else None,
             "took_s": took_s,
@@ -111,7 +111,7 @@ class SearchView:
         north, east, _ = self._places.offset(SEARCH + self._vehicle)
 
         def place(n: float, e: float) -> list[float]:
-            return [round(n + north, 3), round(e + east, 3)]
+            return [round(n + north, 6), round(e + east, 6)]
 
         begun = self._begun or searches.SearchBegun(0.0, 0.0)
         belief = self._belief or searches.BeliefChanged(0.0, None, (), None, None)
@@ -162,4 +162,4 @@ def _qr_code(lat: float, lon: float) -> str:
 
 
 def _covariance(values: tuple[float, float, float] | None) -> list[float] | None:
-    return None if values is None else [round(value, 4) for value in values]
+    return None if values is None else [round(value, 8) for value in values]

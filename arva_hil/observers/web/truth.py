@@ -134,7 +134,7 @@ def _text(there: Transmitters, owners: list[list[str]]) -> str:
     """Return a list of objects: id, place and axis of the dipole, NED, strength, and vehicles that may receive it."""
     columns = zip(
         there.ids,
-        there.positions.round(3).tolist(),
+        there.positions.round(6).tolist(),
         there.rotations[:, :, 0].round(3).tolist(),
         there.strengths.round(3).tolist(),
         owners,
