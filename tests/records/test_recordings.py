@@ -244,18 +244,6 @@ def test_a_pose_of_nan_and_infinity_is_no_pose(folder: Path) -> None:
     assert np.isnan(load(folder).lla("", read.time_s, read.position)[3]).all()  # type: ignore[index]
 
 
-def test_a_record_of_an_older_program_has_no_lateness_and_no_events(folder: Path) -> None:
-    (folder / "events.jsonl").unlink()
-    edited(folder / "run.json", '"record": 1,', "")
-    rows = [line.rsplit(",", 5)[0] for line in (folder / "readings.csv").read_text().splitlines()]
-    (folder / "readings.csv").write_text("\n".join(rows) + "\n")
-    read = load(folder)
-    assert read.events == ()
-    assert np.isnan(read.receivers[0].late_ms).all()
-    assert read.receivers[0].faults == ()
-    assert read.start_utc_s == 1_798_761_602.0  # by frames.csv
-
-
 def test_a_flight_of_a_clock_that_was_stepped_has_the_time_of_the_computer(tmp_path: Path) -> None:
     assert load(write(tmp_path / "flight", 6, search=False, epoch_us=0)).start_utc_s == 1_798_761_600.0
 
@@ -340,7 +328,7 @@ NEWER = "is newer than this program, which reads up to 1: update arva-hil"
             "readings.csv",
             "seq,time_s",
             "number,time_s",
-            "/readings.csv:1: no column seq: this is no table of a record, or an older one",
+            "/readings.csv:1: no column seq: this is no table of a record",
         ),
         ("readings.csv", "\n0,0.0,", "\n0,soon,", "/readings.csv:2: 'soon', expected a number of seconds"),
         *[

@@ -31,13 +31,14 @@ from arva_hil.records.reading.lines import (
 )
 from arva_hil.records.reading.recording import RecordedDatum, RecordedReceiver, RecordedRun, Recording
 from arva_hil.records.reading.search import read_search
-from arva_hil.records.writing.layout import EVENTS, READINGS, RUN, VERSION, RecordLayout
+from arva_hil.records.writing.layout import COLUMNS, EVENTS, READINGS, RUN, VERSION, RecordLayout
 from arva_hil.records.writing.search_log import NEWS, TRACK
 
-_OF_FRAME: Final = "time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms".split()
-_LATER: Final = "reported_north_m reported_east_m reported_down_m late_ms".split()  # old records lack them
+_OF_FRAME: Final = (
+    "time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms"
+    " reported_north_m reported_east_m reported_down_m late_ms"
+).split()
 _OF_SLOT: Final = {"id": "h", "zone": "B", "d_cm": "i", "delta_deg": "h", "true_range_m": "d"}  # kinds of arrays
-_NEEDED: Final = ("seq", *_OF_FRAME, "slot", *_OF_SLOT)
 _MOST_FAULTS: Final = 1024  # sets of them
 _MOST_SLOTS: Final = 255
 _MOST_ROWS: Final = 10_000_000
@@ -50,8 +51,8 @@ def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[Re
     command may change the number of slots in a run.
     """
     lines = Lines(path)
-    columns, rows = table(lines, _NEEDED)
-    frames = NumberColumns(lines, columns, {"seq": "i", **dict.fromkeys([*_OF_FRAME, *_LATER], "d")})
+    columns, rows = table(lines, COLUMNS)
+    frames = NumberColumns(lines, columns, {"seq": "i", **dict.fromkeys(_OF_FRAME, "d")})
     slots = NumberColumns(lines, columns, _OF_SLOT)
     begins, before = array("q"), 0  # the number of each frame's first row; the slot of the newest row
     fault_sets, fault_set = {"": 0}, array("i")
@@ -62,7 +63,7 @@ def read_receiver(path: Path, vehicle: str = "", receiver: str = "") -> tuple[Re
             lines.whole_number(row[columns["seq"]])  # these two may not be empty, as others may
             lines.seconds(row[columns["time_s"]])
             frames.add(row)
-            names = row[columns["faults"]] if "faults" in columns else ""
+            names = row[columns["faults"]]
             if names not in fault_sets and len(fault_sets) >= _MOST_FAULTS:
                 raise lines.error(f"more than {_MOST_FAULTS} different sets of faults")
             fault_set.append(fault_sets.setdefault(names, len(fault_sets)))
@@ -93,8 +94,7 @@ def _built(
 ) -> RecordedReceiver:
     """Return the frames that end where the last of `begins` is."""
     n, end = len(begins) - 1, begins[-1]
-    time_s, boot_ms, *pose, age_ms = (frames.column(name, n) for name in _OF_FRAME)
-    *reported, late_ms = (frames.column(name, n) for name in _LATER)
+    time_s, boot_ms, *poses, late_ms = (frames.column(name, n) for name in _OF_FRAME)
     id_, zone, d_cm, delta_deg, true_range_m = (slots.column(name, end) for name in _OF_SLOT)
     return RecordedReceiver(
         vehicle,
@@ -102,10 +102,10 @@ def _built(
         frames.column("seq", n),
         time_s,
         boot_ms,
-        np.stack(pose[:3], axis=1),
-        np.stack(pose[3:], axis=1),
-        age_ms,
-        np.stack(reported, axis=1),
+        np.stack(poses[:3], axis=1),
+        np.stack(poses[3:6], axis=1),
+        poses[6],
+        np.stack(poses[7:], axis=1),
         late_ms,
         begins,
         id_,
@@ -158,7 +158,7 @@ def load(folder: Path) -> Recording:
     events, of_events = _events(folder / EVENTS)
     first = next((event for event in events if event.get("event") == "first_frame"), {})
     start_s = number(first.get("time_s")) or 0.0
-    start_utc_s = seconds_of(text(first.get("utc"))) or _start_utc_s(folder / layout.tables[0])
+    start_utc_s = seconds_of(text(first.get("utc")))
     search, of_search = read_search(folder, start_utc_s)
     news, of_news = _events(folder / NEWS)
     events = [{**event, "time_s": event["time_s"] - start_s} for event in events]
@@ -196,7 +196,7 @@ def _run(path: Path) -> tuple[RecordedRun, list[str]]:
 
 
 def _events(path: Path) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return all events with a time, and notes. Old records have none."""
+    """Return all events with a time, and notes. A record of a search alone has none."""
     if not path.exists():
         return [], []
     lines, events = Lines(path), list[dict[str, Any]]()
@@ -224,18 +224,6 @@ def _report(said: Mapping[str, Any]) -> StatusReport:
             receivers.append(ReceiverStatus(text(one.get("name")), None, frames, dropped))
         vehicles.append(VehicleStatus(text(vehicle.get("name")), text(vehicle.get("label")), rates, receivers))
     return StatusReport(said["time_s"], vehicles)
-
-
-def _start_utc_s(path: Path) -> float | None:
-    """Return the frames' time 0 in seconds since 1970, from the first row of frames.csv; None if it is not there."""
-    if not path.exists():
-        return None
-    lines = Lines(path)
-    columns, rows = table(lines, ("utc", "time_s"))
-    if (row := next(rows, None)) is None:
-        return None
-    utc_s = seconds_of(row[columns["utc"]])
-    return None if utc_s is None else utc_s - lines.seconds(row[columns["time_s"]])
 
 
 def _datums(run: RecordedRun, vehicle: str, events: list[dict[str, Any]]) -> tuple[RecordedDatum, ...]:

@@ -96,14 +96,12 @@ class Lines:
 def table(lines: Lines, needed: Sequence[str]) -> tuple[dict[str, int], Iterator[list[str]]]:
     """Return the columns of a CSV file by name, and its rows. Raises RecordingError if one of `needed` is missing.
 
-    The order is free, and other columns are allowed. An empty file has no columns.
+    The order is free, and other columns are allowed. An empty file has `needed` and no row.
     """
     rows = _rows(lines)
-    header = next(rows, None)
-    if header is None:
-        return {}, rows
+    header = next(rows, needed)
     if missing := [name for name in needed if name not in header]:
-        raise lines.error(f"no column {', '.join(missing)}: this is no table of a record, or an older one")
+        raise lines.error(f"no column {', '.join(missing)}: this is no table of a record")
     return {name: at for at, name in enumerate(header)}, rows
 
 
@@ -123,7 +121,7 @@ def _rows(lines: Lines) -> Iterator[list[str]]:
 class NumberColumns:
     """Columns of a table. An empty cell is NaN, or −1 in a column of integers; a huge number is NaN.
 
-    `columns`: those of the file. `kinds`: the type codes of `array` by name; what the file lacks is NaN.
+    `columns`: those of the file. `kinds`: the type codes of `array` by name.
     """
 
     def __init__(self, lines: Lines, columns: Mapping[str, int], kinds: Mapping[str, str]) -> None:
@@ -131,12 +129,11 @@ class NumberColumns:
         self._values: dict[str, array[Any]] = {name: array(kind) for name, kind in kinds.items()}
         self._there: list[tuple[int, array[Any], Callable[[str], float], float]] = []
         for name, kind in kinds.items():
-            if name in columns:
-                parsed, nothing = (float, math.nan) if kind == "d" else (int, -1)
-                self._there.append((columns[name], self._values[name], parsed, nothing))
+            parsed, nothing = (float, math.nan) if kind == "d" else (int, -1)
+            self._there.append((columns[name], self._values[name], parsed, nothing))
 
     def __len__(self) -> int:
-        return len(self._there[0][1]) if self._there else 0
+        return len(self._there[0][1])
 
     def add(self, row: Sequence[str]) -> None:
         """Add one row, the newest line. Raises RecordingError."""
@@ -153,8 +150,6 @@ class NumberColumns:
     def column(self, name: str, count: int) -> NDArray[Any]:
         """Return the first `count` numbers of a column, which cannot be changed."""
         values = np.array(self._values[name][:count])
-        if len(values) < count:
-            values = np.full(count, math.nan)
         if values.dtype == float:
             values[np.abs(values) > _LARGEST] = math.nan
         values.flags.writeable = False
