@@ -46,6 +46,7 @@ from firmware_proto import Channel, Decoder, Frame
 
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
+WIDE = TeamField((-100.0, -100.0, 100.0, 100.0), FRAME, 2)
 TWO = "spec: 2\ntransmitters: [{id: 1, ned: [9, -11, 0.5]}, {id: 2, ned: [-8, 12, 1]}]"
 
 
@@ -59,7 +60,7 @@ def told(number: int, *, hunting: int | None = None, found: tuple[int, ...] = ()
 
 
 def alone(number: int, now: float = 0.0) -> Teammate:
-    mate = Teammate(number, lambda news: None)
+    mate = Teammate(number, lambda news: None, WIDE)
     mate.report(now, HOME, flying=True)
     return mate
 
@@ -156,7 +157,7 @@ def test_a_transmitter_of_one_that_is_not_heard_any_more_is_free() -> None:
 
 
 def test_news_go_to_all_others_five_times_a_second_and_at_once_when_something_changes() -> None:
-    bus = Bus()
+    bus = Bus(WIDE)
     mates = [bus.join() for _ in range(3)]
     heard: list[News] = []
     mates[2].on_news = heard.append  # type: ignore[method-assign]
@@ -168,14 +169,14 @@ def test_news_go_to_all_others_five_times_a_second_and_at_once_when_something_ch
 
 def test_a_report_leaves_in_each_step_of_a_search_though_a_step_may_come_early() -> None:
     told: list[News] = []
-    mate = Teammate(0, told.append)
+    mate = Teammate(0, told.append, WIDE)
     for step in range(50):
         mate.report(0.2 * step - 0.01 * (step % 2), HOME, flying=True)
     assert len(told) == 50
 
 
 def test_what_turns_out_not_sure_after_all_is_free_again() -> None:
-    bus = Bus()
+    bus = Bus(WIDE)
     finder, other = bus.join(), bus.join()
     finder.report(0.0, HOME, flying=True, found=(7,), searching=False)
     assert other.taken(7, own=False)
@@ -323,10 +324,10 @@ class Hunter:
 @pytest.mark.parametrize("speed", [1.0, 3.0, 10.0])
 def test_two_that_fly_to_each_other_stop_in_time_however_fast(speed: float) -> None:
     """A vehicle without a body that brakes with 2 m/s²."""
-    bus = Bus()
+    bus = Bus(WIDE)
     team, places, moving = [bus.join(), bus.join()], [-60.0, 60.0], [speed, -speed]
     for mate in team:
-        mate.plan(SearchPlan(STRATEGIES["flux"], speed=speed, area=(-100.0, -100.0, 100.0, 100.0)), FRAME)
+        mate.plan(SearchPlan(STRATEGIES["flux"], speed=speed), FRAME)
     nearest = math.inf
     for tick in range(round(600 / speed)):
         for n, mate in enumerate(team):
@@ -341,7 +342,7 @@ def test_two_that_fly_to_each_other_stop_in_time_however_fast(speed: float) -> N
 
 @pytest.mark.parametrize("deaf", [0, 1])
 def test_one_that_receives_nothing_of_another_is_evaded_by_it_whoever_goes_first(deaf: int) -> None:
-    bus = Bus()
+    bus = Bus(WIDE)
     team, places = [bus.join(), bus.join()], [0.0, 20.0]
     for mate in team:
         mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
@@ -359,7 +360,7 @@ def test_one_that_receives_nothing_of_another_is_evaded_by_it_whoever_goes_first
 
 @pytest.mark.parametrize("apart_m", [0.5, 4.0])
 def test_places_close_together_are_all_reached_and_nobody_lands_near_another(apart_m: float) -> None:
-    bus = Bus()
+    bus = Bus(WIDE)
     team = [Hunter(bus, (n * apart_m, 0.0), (n * 9.0 - 9.0, -20.0)) for n in range(3)]
     nearest = math.inf
     for tick in range(600):
@@ -508,7 +509,7 @@ def test_nobody_waits_for_a_part_that_does_not_exist() -> None:
     ],
 )
 def test_a_vehicle_under_another_one_does_not_take_off(other: News, under: bool) -> None:
-    mate = Teammate(1, lambda news: None)
+    mate = Teammate(1, lambda news: None, WIDE)
     assert not mate.under_another
     mate.report(0.0, HOME, flying=False)
     mate.on_news(other)

@@ -236,10 +236,10 @@ class OwnSearch(NamedTuple):
 class Teammate:
     """One search of a team. `number`: its own; the lower one goes first in a conflict. `others`: their news.
 
-    `send`: passes news on to the others. `field`: the area that they divide; None: each searches its plan's own area.
+    `send`: passes news on to the others. `field`: the area that they divide.
     """
 
-    def __init__(self, number: int, send: Callable[[News], None], field: TeamField | None = None) -> None:
+    def __init__(self, number: int, send: Callable[[News], None], field: TeamField) -> None:
         self.number = number
         self.others = OtherNews()
         self._send = send
@@ -302,13 +302,13 @@ class Teammate:
 
     def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
         """Return the plan with the team's area as it is seen from the take-off point."""
-        plan = plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
+        plan = replace(plan, area=self._field.seen_from(origin))
         self._search = OwnSearch(origin, plan.speed, plan.area)
         return plan
 
     def area(self) -> Area | None:
         """Return the part that it searches, from its take-off point."""
-        if self._field is None or self._search is None or self._part is None:
+        if self._search is None or self._part is None:
             return None
         return self._field.seen_from(self._search.origin, self._part)
 
@@ -342,8 +342,6 @@ class Teammate:
     @property
     def waits(self) -> bool:
         """True if others still search parts that they may leave."""
-        if self._field is None:
-            return False
         return len(self._flown) < self._field.count and bool(self._held())
 
     def handed(self, position: Position) -> tuple[float, float] | None:
@@ -413,8 +411,10 @@ class Teammate:
         It is lower once all vehicles of the layer below have ended and are on the ground: one without news may fly.
         The vehicle, now at `height_m`, does not descend above another one: it flies on as high as it is.
         """
-        newest, count = self.others.newest, self._field.count if self._field else 0
-        below = [newest.get(number) for number in {*range(count), *newest} if layer_m(number) < self._raised_m]
+        newest = self.others.newest
+        below = [
+            newest.get(number) for number in {*range(self._field.count), *newest} if layer_m(number) < self._raised_m
+        ]
         if below and all(other is not None and other.ended and not other.flying for other in below):
             wanted_m -= self._raised_m
         return max(wanted_m, height_m) if self.above_another(position) else wanted_m
@@ -473,15 +473,12 @@ class Teammate:
 
     def _held(self) -> set[int]:
         """Return the parts that others search. A search that sent nothing so far may still come."""
-        assert self._field is not None
         held = {other.part for other in self.others.alive if other.part is not None}
         if self.others.now - self._began < _ABSENT_S:
             held |= set(range(self._field.count)) - self.others.newest.keys() - {self.number}
         return held - self._flown
 
     def _left(self) -> set[int]:
-        if self._field is None:
-            return set()
         return set(range(self._field.count)) - self._flown - self._held()
 
     def _hunts(self, other: News, id_: int, *, own: bool, metres: float) -> bool:
@@ -504,7 +501,7 @@ class Teammate:
 class Bus:
     """Passes the news of each search to all others in the same program. `field`: the area that they divide."""
 
-    def __init__(self, field: TeamField | None = None) -> None:
+    def __init__(self, field: TeamField) -> None:
         self._mates: list[Teammate] = []
         self._field = field
 
