@@ -127,7 +127,9 @@ def write_search(folder: Path, count: int = 30, *, ended: bool = True, **outcome
     frame = LocalFrame(*HOME)
     origin = [float(value) for value in frame.lla([2.0, 0.0, 0.0])]
     place = [float(value) for value in frame.lla([20.5, 5.25, 0.0])]
-    found = {"north": 18.5, "east": 5.25, "down": 0.0, "covariance": [0.16, 0.03, 0.04], "lat_lon": place[:2]}
+    spread = [0.16, 0.03, 0.04]
+    found = {"north": 18.5, "east": 5.25, "down": 0.0, "lat_lon": place[:2], "autopilot_sigma_m": 0.1}
+    found |= {"covariance": spread, "earth_covariance": spread}
     said = {"started": "2027-01-01T00:00:03.000Z", "outcome": "found", "how": "found", "id": 1, "found": found}
     said |= {"origin": origin, "time_s": 21.5, "path_m": 22.0, "frames": 30, "others": []}
     log.close(said | outcome)

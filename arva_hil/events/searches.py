@@ -148,7 +148,7 @@ class SearchBegun(SearchEvent):
     """The take-off has ended, `height_m` above the take-off point.
 
     `wanted`: the number of transmitters to find; None: all. `area`: south, west, north, east of the take-off point [m];
-    `strip_m`: the width of its strips; `limit_s`: the longest time of the search. These are None in old records.
+    `strip_m`: the width of its strips; `limit_s`: the longest time of the search. None: not known.
     """
 
     height_m: float

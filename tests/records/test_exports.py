@@ -87,7 +87,14 @@ def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(t
 
 def test_each_place_of_several_is_there_with_its_ellipse_and_its_order(tmp_path: Path) -> None:
     places = [
-        {"id": id_, "north": n, "east": e, "down": 1.0, "covariance": [v, 0.0, v], "lat_lon": [46.0 + id_ / 1e4, 7.7]}
+        {
+            "id": id_,
+            "north": n,
+            "east": e,
+            "down": 1.0,
+            "earth_covariance": [v, 0.0, v],
+            "lat_lon": [46.0 + id_ / 1e4, 7.7],
+        }
         | {"sure": id_ != 3}
         for id_, n, e, v in ((7, 1.0, 2.0, 0.04), (3, 9.0, 4.0, 0.25))
     ]
@@ -239,7 +246,7 @@ def test_numbers_that_no_flight_has_are_written_or_left_out(
                 row[column] = huge
         written(folder / table_name, "".join(",".join(row) + "\n" for row in (header, *rows)))
     said = json.loads((folder / "search.json").read_text())
-    said["found"] |= {"down": float(huge), "covariance": [float(huge)] * 3}
+    said["found"] |= {"down": float(huge), "earth_covariance": [float(huge)] * 3}
     written(folder / "search.json", json.dumps(said))
     with open(folder / "events.jsonl", "a") as file:
         file.write('{"event": "status", "time_s": 1e14, "vehicles": []}\n')

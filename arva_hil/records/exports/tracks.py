@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.clock import utc
-from arva_hil.events.words.text import in_metres
+from arva_hil.events.words.text import in_metres, unless_reported
 from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading import RecordedPlace, RecordedReceiver, RecordedSearch, Recording
@@ -143,7 +143,8 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: 
         major, minor, bearing = ellipse
         about = (
             f"{order}{search.how}; on Earth {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × "
-            f"{in_metres(minor)} (semi-axes), long axis {math.degrees(bearing) % 180:.0f}°{found.unknown}"
+            f"{in_metres(minor)} (semi-axes), long axis {math.degrees(bearing) % 180:.0f}°"
+            f"{unless_reported(found.autopilot_sigma_m)}"
         )
         if (spread := sigma_of(found.relative_covariance)) is not None:
             about += f"; relative to the drone ± {in_metres(spread)}"

@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.events.words.text import unless_reported
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import (
     Lines,
@@ -56,8 +55,8 @@ class RecordedPlace:
 
     `covariance`: of north and east, m² (nn, ne, ee); None if the strategy gives none. `id`: of the transmitter, None if
     it is not known; `sure`: the readings agree with the place. `relative_covariance`: of the place relative to the
-    drone; `earth_covariance`: of the position on Earth; None in old logs. `autopilot_sigma_m`: of the drone's own
-    position; None if the autopilot does not report it. `time_s`: from the start of a search for several until it was
+    drone; `earth_covariance`: of the position on Earth. `autopilot_sigma_m`: of the drone's own position; None if the
+    autopilot does not report it. `time_s`: from the start of a search for several until it was
     found; None if not known.
     """
 
@@ -74,17 +73,8 @@ class RecordedPlace:
     time_s: float | None = None
 
     def ellipse(self) -> tuple[float, float, float] | None:
-        """Return the ellipse on Earth, see `ellipse_of`; None without a covariance.
-
-        In old logs it is without the error of the drone's own position.
-        """
-        covariance = self.earth_covariance or self.covariance
-        return None if covariance is None else ellipse_of(covariance)
-
-    @property
-    def unknown(self) -> str:
-        """Words after the uncertainty on Earth if the autopilot does not report its accuracy, else ""."""
-        return unless_reported(self.autopilot_sigma_m) if self.earth_covariance else ""
+        """Return the ellipse on Earth, see `ellipse_of`; None without a covariance."""
+        return None if self.earth_covariance is None else ellipse_of(self.earth_covariance)
 
     def outline(self) -> list[tuple[float, float]]:
         """Return that area's edge as (north, east), metres from the take-off point, closed; empty if unknown."""
@@ -104,8 +94,8 @@ class RecordedSearch:
     """One search: K steps of its flight, metres from the take-off point, NED. What is empty is NaN.
 
     `outcome`: search.json as it is, empty if the search was killed. `found`: the place reported. `origin`: the take-off
-    point, degrees, degrees, metres AMSL; None in old logs and without a take-off. `started_utc_s`: the time 0 of the
-    steps in seconds since 1970, None in old logs. `start_s`: the same on the clock of the run in this folder, 0 without
+    point, degrees, degrees, metres AMSL; None without a take-off. `started_utc_s`: the time 0 of the steps in seconds
+    since 1970, None if the search was killed. `start_s`: the same on the clock of the run in this folder, 0 without
     one.
     """
 

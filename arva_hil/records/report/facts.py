@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from arva_hil.config import Scenario
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
-from arva_hil.events.words.text import in_metres
+from arva_hil.events.words.text import in_metres, unless_reported
 from arva_hil.records.reading import RecordedPlace, RecordedReceiver, Recording, mapping, number, objects, streams, text
 from arva_hil.safe_text import one_line
 from arva_hil.search.strategies.strategy import sigma_of
@@ -127,7 +127,8 @@ def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str
     if ellipse := found.ellipse():
         major, minor, bearing = ellipse
         angle = math.degrees(bearing) % 180
-        yield "on Earth, 95 % inside", f"{in_metres(major)} × {in_metres(minor)}, long axis {angle:.0f}°{found.unknown}"
+        inside = f"{in_metres(major)} × {in_metres(minor)}, long axis {angle:.0f}°"
+        yield "on Earth, 95 % inside", inside + unless_reported(found.autopilot_sigma_m)
     else:
         yield "on Earth, 95 % inside", "the strategy does not say how sure it is"
     if (spread := sigma_of(found.relative_covariance)) is not None:

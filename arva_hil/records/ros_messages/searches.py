@@ -118,9 +118,7 @@ class SearchMessages:
             shapes.append(geometry.ellipse(ground, "95 %", geometry.point(place), found.covariance))
         made = [ros.Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))]
         if self._origin:
-            made.append(
-                ros.Publication(FOUND, stamp, self._fix(ground, place, found.earth_covariance or found.covariance))
-            )
+            made.append(ros.Publication(FOUND, stamp, self._fix(ground, place, found.earth_covariance)))
         return made
 
     def _fix(

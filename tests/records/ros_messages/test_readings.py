@@ -250,7 +250,7 @@ def test_the_map_of_one_vehicle_lies_in_that_of_another_as_their_datums_do() -> 
 
 FRAME = Frame(7, 1, (Channel(4, MID, 2000, 10), Channel(None, MID, 2500, -40), Channel(9, INNER, 80, 0), Channel()))
 HEARD = FrameHeard(2.0, FRAME, (3.0, -4.0, -5.0), 90.0)
-FOUND = PlaceFound(9.0, 4, 20.0, 5.0, (0.04, 0.0, 0.01), True)
+FOUND = PlaceFound(9.0, 4, 20.0, 5.0, (0.04, 0.0, 0.01), True, earth_covariance=(0.04, 0.0, 0.01))
 
 
 def told(*events: Event) -> dict[str, Any]:
