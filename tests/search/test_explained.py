@@ -14,7 +14,7 @@ from arva_hil.model.receiver import Zone
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.search.mission.choice import NO_ID
 from arva_hil.search.strategies.dipole import MOMENT
-from arva_hil.search.strategies.explained import Explained, dipole_at
+from arva_hil.search.strategies.explained import dipole_at, explains
 from arva_hil.search.strategies.strategy import Found, Observation
 from tests.search.test_flights import Flight
 
@@ -32,32 +32,22 @@ def reading(north: float, east: float, height: float, yaw: float = 0.0) -> Obser
     return Observation(0.0, at, turned, int(d_cm), int(delta_deg), zone == Zone.INNER)
 
 
-def explains(o: Observation) -> bool:
-    explained = Explained()
-    explained.add(FOUND)
-    return explained.explain(o)
-
-
 @given(north=away, east=away, height=st.floats(0.5, 5.0), yaw=st.floats(-math.pi, math.pi))
 def test_the_readings_of_a_transmitter_found_are_explained_and_nearer_ones_are_of_another(
     north: float, east: float, height: float, yaw: float
 ) -> None:
     o = reading(north, east, height, yaw)
     assume(o.heard)
-    assert explains(o)
-    assert not explains(o._replace(d_cm=o.d_cm // 2))
+    assert explains(FOUND, o)
+    assert not explains(FOUND, o._replace(d_cm=o.d_cm // 2))
 
 
 def test_a_direction_that_is_not_its_own_is_of_another_as_near() -> None:
     o = reading(0.0, 0.0, 2.0)
     assert not o.inner
     other = o._replace(delta_deg=(o.delta_deg + 60 + 90) % 180 - 90)
-    assert not explains(other)
-    assert explains(other._replace(d_cm=2 * o.d_cm))  # none is as near
-
-
-def test_before_anything_is_found_nothing_is_explained() -> None:
-    assert not Explained().explain(reading(0.0, 0.0, 2.0))
+    assert not explains(FOUND, other)
+    assert explains(FOUND, other._replace(d_cm=2 * o.d_cm))  # none is as near
 
 
 def test_the_dipole_at_a_place_found_is_that_of_its_readings() -> None:

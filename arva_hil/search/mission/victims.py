@@ -25,7 +25,7 @@ from arva_hil.events.searches import (
     VictimNoted,
 )
 from arva_hil.search.mission.choice import NO_ID, PutAside, id_of
-from arva_hil.search.strategies.explained import Explained
+from arva_hil.search.strategies.explained import explains
 from arva_hil.search.strategies.strategy import Found, Observation
 from firmware_proto import MORE_TRANSMITTERS, Command, CommandAnswer, Frame, HostForm
 from firmware_proto.commands import DONE, IDENTIFY, MARK, UNKNOWN
@@ -190,7 +190,7 @@ class Victims:
         self._emit = emit
         self._together: set[frozenset[int]] = set()  # ids of one frame: they are of different transmitters
         self._doubted: set[int] = set()
-        self._explained = Explained()
+        self._dipoles: list[NDArray[np.float64]] = []  # of victims without ids
         self._more = False
 
     @property
@@ -226,7 +226,7 @@ class Victims:
 
     def explain(self, observation: Observation) -> bool:
         """Return True if a reading without an id is of a transmitter that is found."""
-        return self._explained.explain(observation)
+        return any(explains(dipole, observation) for dipole in self._dipoles)
 
     def same(self, id_: int, found: Found, sure: bool, time_s: float) -> bool:
         """Return True if a place is of a transmitter found already, and mark it again.
@@ -261,7 +261,7 @@ class Victims:
         self.places.append(victim)
         self._know(victim.id, len(self.places) - 1)
         if dipole is not None:
-            self._explained.add(dipole)
+            self._dipoles.append(dipole)
         self._marks.begin(len(self.places) - 1, victim.id, time_s)
 
     def retract(self) -> None:

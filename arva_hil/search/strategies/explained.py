@@ -37,30 +37,17 @@ def dipole_at(found: Found, past: Iterable[Observation]) -> Array:
     return best
 
 
-class Explained:
-    """Remembers a dipole for each transmitter found."""
-
-    def __init__(self) -> None:
-        self._dipoles: list[Array] = []
-
-    def add(self, x: Array) -> None:
-        """Add a dipole (7,)."""
-        self._dipoles.append(x)
-
-    def explain(self, o: Observation) -> bool:
-        """Return True if a reading is of a found transmitter: a frame has the nearest, so another would be nearer."""
-        return any(self._explains(x, o) for x in self._dipoles)
-
-    def _explains(self, x: Array, o: Observation) -> bool:
-        away = np.array(o.position) - x[:3]
-        rho = max(float(np.linalg.norm(away)), 0.1)
-        n, moment = away / rho, x[3:6]
-        h_x, h_y, h_z = ((3 * (moment @ n) * n - moment) @ o.rotation).tolist()
-        strength = math.hypot(h_x, h_y, h_z) if o.inner else math.hypot(h_x, h_y)
-        expected_m = rho * max(strength, 1e-9) ** (-1 / 3)
-        if o.d_m < _NEAR * expected_m:
-            return False
-        if o.inner or o.d_m > _ALIKE * expected_m:
-            return True
-        aside = math.degrees(math.atan2(h_y, h_x) - x[6]) - o.delta_deg
-        return abs((aside + 90) % 180 - 90) < _ASIDE_DEG
+def explains(x: Array, o: Observation) -> bool:
+    """Return True if a reading is of a dipole (7,): a frame has the nearest, so another would be nearer."""
+    away = np.array(o.position) - x[:3]
+    rho = max(float(np.linalg.norm(away)), 0.1)
+    n, moment = away / rho, x[3:6]
+    h_x, h_y, h_z = ((3 * (moment @ n) * n - moment) @ o.rotation).tolist()
+    strength = math.hypot(h_x, h_y, h_z) if o.inner else math.hypot(h_x, h_y)
+    expected_m = rho * max(strength, 1e-9) ** (-1 / 3)
+    if o.d_m < _NEAR * expected_m:
+        return False
+    if o.inner or o.d_m > _ALIKE * expected_m:
+        return True
+    aside = math.degrees(math.atan2(h_y, h_x) - x[6]) - o.delta_deg
+    return abs((aside + 90) % 180 - 90) < _ASIDE_DEG
