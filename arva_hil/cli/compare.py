@@ -44,8 +44,9 @@ def main(options: argparse.Namespace) -> None:
     else:
         other = loaded(options.other)
         names = (record.title, other.title)
+        second = only_receiver(other)
         pairs = _paired(record, other)
-        result = compared(receiver, only_receiver(other), pairs)
+        result = compared(receiver, second, pairs)
     tell(*_clocks(pairs))
     if not result:
         raise Failure(FAILED, "no signal in either record: is the format right?")
@@ -86,8 +87,6 @@ def emulated_scenario(name: str, seed: int | None) -> Scenario:
 
 
 def _paired(a: Recording, b: Recording) -> Paired:
-    only_receiver(a)
-    only_receiver(b)
     try:
         return paired_frames(a, b)
     except NotComparable as error:

@@ -53,15 +53,12 @@ class Paired(NamedTuple):
 
 
 def paired_frames(a: Recording, b: Recording) -> Paired:
-    """Pair the frames of two records. Raises NotComparable.
+    """Pair the frames of two records, both with poses. Raises NotComparable.
 
     Records of one flight have the same boot times of the autopilot, so that different clocks of the computers do not
     matter: their offset follows. Frames of two flights are paired if their poses are the same.
     """
     one, two = a.receivers[0], b.receivers[0]
-    for record, receiver in ((a, one), (b, two)):
-        if not np.isfinite(receiver.position).all(axis=1).any():
-            raise NotComparable(f"{record.folder}: frames without poses: nothing can be paired")
     by_time = _by_time(one, two)
     if by_time is not None:
         first, second = by_time
