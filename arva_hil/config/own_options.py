@@ -151,10 +151,9 @@ def _schema(hint: Any) -> dict[str, Any]:
 def _limits(args: Sequence[Any]) -> Iterator[tuple[Any, tuple[Any, str, str]]]:
     """Yield the limits in an annotation."""
     for annotation in args[1:]:
-        for one in (annotation, *getattr(annotation, "metadata", ())):  # pydantic's Field has its limits there
-            for name, limit in _LIMITS.items():
-                if (value := getattr(one, name, None)) is not None:
-                    yield value, limit
+        for name, limit in _LIMITS.items():
+            if (value := getattr(annotation, name, None)) is not None:
+                yield value, limit
 
 
 def _not_none(args: Sequence[Any]) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -40,7 +39,6 @@ class Options:
     names: list[str] = field(default_factory=list)
     file: Path = Path("here")
     colour: Colour = Colour.RED
-    of_pydantic: Annotated[int, SimpleNamespace(metadata=[Ge(5)])] = 5
 
     def __post_init__(self) -> None:
         if self.label == "bad":
@@ -103,7 +101,6 @@ def test_a_key_of_a_file_is_the_type_that_is_annotated(text: str, name: str, val
         ("rows: [[1, x], 3]", ["rows.0.1 , a valid integer", "rows.1 , a valid tuple"]),
         ("names: x", ["names , a valid list"]),
         ("colour: blue", ["colour , a valid Colour"]),
-        ("of_pydantic: 4", ["of_pydantic , greater than or equal to 5"]),
         ("label: bad", [" label bad, a good one"]),
     ],
 )
