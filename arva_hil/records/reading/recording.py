@@ -16,7 +16,7 @@ from arva_hil.emulator.build import moving_transmitters
 from arva_hil.events import StatusReport
 from arva_hil.model.field import LocalFrame, MovingTransmitters, Transmitters
 from arva_hil.model.field.arrays import Array
-from arva_hil.records.reading.lines import mapping, number, text
+from arva_hil.records.reading.lines import mapping, text
 from arva_hil.records.reading.search import RecordedSearch
 from arva_hil.records.writing.layout import CHUNKS, FILES
 from arva_hil.records.writing.search_log import SEARCH_FILES
@@ -175,15 +175,6 @@ class RecordedRun:
     def started(self) -> str:
         """The time of the computer at the start, UTC, ISO 8601."""
         return text(self.json.get("started"))
-
-    @property
-    def seed(self) -> int | None:
-        seed = number(self.json.get("seed"))
-        return None if seed is None else int(seed)
-
-    @property
-    def versions(self) -> Mapping[str, Any]:
-        return mapping(self.json.get("versions"))
 
     def vehicle(self, name: str) -> Mapping[str, Any]:
         """Return the entry of one vehicle; `name` is "" in a record of one receiver."""

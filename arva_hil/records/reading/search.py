@@ -30,7 +30,7 @@ from arva_hil.records.reading.lines import (
 )
 from arva_hil.records.writing.search_log import OUTCOME, TRACK
 
-_NUMBERS: Final = "time_s north_m east_m down_m heading_deg v_north v_east v_down id d_cm delta_deg zone".split()
+_NUMBERS: Final = "time_s north_m east_m down_m heading_deg id d_cm delta_deg zone".split()
 _MOST_PHASES: Final = 64
 _POINTS: Final = 48  # of an ellipse
 PROBABILITY: Final = 0.95  # of the transmitter inside the ellipse
@@ -103,7 +103,6 @@ class RecordedSearch:
     phase: tuple[str, ...]  # (K,)
     position: Array  # (K, 3)
     heading_deg: Array  # (K,)
-    velocity: Array  # (K, 3) ordered, m/s
     id: Array  # (K,) id of the transmitter searched for, in steps with a frame
     d_cm: Array  # (K,)
     delta_deg: Array  # (K,)
@@ -162,7 +161,7 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         phases.append(names.setdefault(phase, len(names)))
     outcome = json_object(folder / OUTCOME) if (folder / OUTCOME).exists() else {}
     values = np.stack([numbers.column(name, len(numbers)) for name in _NUMBERS], axis=1)
-    id_, d_cm, delta_deg, zone = values[:, 8:].T
+    id_, d_cm, delta_deg, zone = values[:, 5:].T
     every = list(names)
     started_s = seconds_of(text(outcome.get("started")))
     return RecordedSearch(
@@ -170,7 +169,6 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         tuple(every[n] for n in phases),
         values[:, 1:4],
         values[:, 4],
-        values[:, 5:8],
         id_,
         d_cm,
         delta_deg,

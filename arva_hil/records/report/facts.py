@@ -60,15 +60,16 @@ def _run(recording: Recording) -> Iterator[tuple[str, str]]:
         yield "scenario", one_line(run.json.get("scenario_source", ""))
     if run.scenario:
         yield from _scenario(run.scenario, real=run.is_real)
-    if run.seed is not None:
-        yield "seed", str(run.seed)
+    if (seed := number(run.json.get("seed"))) is not None:
+        yield "seed", str(int(seed))
     labels = [text(event.get("label")) for event in recording.events if event.get("event") == "vehicle_found"]
     found = dict.fromkeys(one_line(label) for label in labels if label)
     yield "autopilot", ", ".join(list(found)[:_MOST]) or "none was found"
     command = run.json.get("command")
     if isinstance(command, list):
         yield "command", one_line(" ".join(map(str, command[:_MOST])))
-    yield "versions", one_line(", ".join(f"{name} {value}" for name, value in _first(run.versions)))
+    versions = _first(mapping(run.json.get("versions")))
+    yield "versions", one_line(", ".join(f"{name} {value}" for name, value in versions))
 
 
 def _scenario(scenario: Scenario, *, real: bool) -> Iterator[tuple[str, str]]:
