@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import re
-import shutil
-import stat
 import tempfile
 from collections.abc import Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,7 +15,7 @@ from typing import Final
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
-from arva_hil.cli.search_report import PICTURE, close_log, result
+from arva_hil.cli.search_report import close_log, result
 from arva_hil.cli.search_report import name as name_of
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, StepClock, Waitable, utc
@@ -28,8 +25,7 @@ from arva_hil.events.words.text import in_metres
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.web.address import HostPort
-from arva_hil.records.writing.layout import FILES
-from arva_hil.records.writing.search_log import SEARCH_FILES, SearchLog, refuse_search
+from arva_hil.records.writing.search_log import SearchLog, refuse_search
 from arva_hil.registry import over_mavlink
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import Outcome
@@ -69,34 +65,6 @@ class Pace:
         )
 
 
-KEPT_DAYS: Final = 7
-_PREFIX: Final = "arva-demo-"
-_DAY_S: Final = 86400
-_OURS: Final = {*FILES, *SEARCH_FILES, PICTURE}
-
-
-def new_folder() -> Path:
-    """Make a folder, named by the time. Removes folders of earlier demos that were not changed for some days."""
-    now_us = RealClock().epoch_us
-    for path in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
-        with suppress(OSError):
-            if shutil.rmtree.avoids_symlink_attacks and _is_ours(path, now_us / 1e6 - KEPT_DAYS * _DAY_S):
-                shutil.rmtree(path)
-    stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(now_us))
-    return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{stamp}-"))
-
-
-def _is_ours(path: Path, before_s: float) -> bool:
-    """Return True for this user's folder with nothing but a demo's files, last changed before `before_s` since 1970."""
-    status = path.lstat()
-    return (
-        stat.S_ISDIR(status.st_mode)
-        and status.st_uid == os.geteuid()
-        and status.st_mtime < before_s
-        and all(one.name in _OURS and not one.is_dir() for one in path.iterdir())
-    )
-
-
 _AROUND_S: Final = 120.0  # for take-off and landing
 
 
@@ -126,8 +94,9 @@ class Flown:
 def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
     plan = plan_of(options, chosen)  # before the record: a demo that cannot begin leaves none
     if not team and not options.record:
-        options.record = str(new_folder())
-        tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
+        stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(RealClock().epoch_us))
+        options.record = tempfile.mkdtemp(prefix=f"arva-demo-{stamp}-")
+        tell(f"record: {options.record}; --record DIR keeps it elsewhere")
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
