@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Opening", "Sender", "open_link", "parse"]
 
 
-def open_link(
-    address: str | Address, *, baud: int = 115200, clock: Clock, brief: bool = False, answered: bool = False
-) -> Link:
-    """Open the link of an address. `baud` [bit/s]: for serial ports whose address has no baud rate.
+def open_link(address: str | Address, *, clock: Clock, brief: bool = False, answered: bool = False) -> Link:
+    """Open the link of an address. A serial port whose address has no baud rate has 115200 bit/s.
 
     `clock`: for the time of a log file and for time-outs of clients. `brief`: this is one of many tries, so use short
     time-outs and errors without cures. `answered`: close a TCP connection whose far end acknowledges nothing for 5 s.
@@ -30,5 +28,5 @@ def open_link(
     if isinstance(address, str):
         address = parse(address)
     kind: Any = LINKS[address.kind]
-    link: Link = kind.open(address, Opening(clock, baud, brief, answered))
+    link: Link = kind.open(address, Opening(clock, brief, answered))
     return link

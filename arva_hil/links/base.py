@@ -37,7 +37,6 @@ class Opening(NamedTuple):
     """The parameters for opening a link: see `open_link`."""
 
     clock: Clock
-    baud: int = 115200
     brief: bool = False
     answered: bool = False
 

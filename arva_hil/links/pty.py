@@ -120,10 +120,7 @@ class PtyLink(FdLink):
             raise
 
     def fileno(self) -> int | None:
-        fileno = getattr(self._selector, "fileno", None)
-        if not self._open:
-            return None
-        return fileno() if fileno else self._fd
+        return self._selector.fileno() if self._open else None
 
     def read(self) -> bytes:
         if self._open and self._closings.seen():

@@ -19,10 +19,11 @@ from arva_hil.links.url import Address
 if TYPE_CHECKING:
     from serial import Serial
 
+BAUD: Final = 115200
 _MAKE_IT_FIRST: Final = "start the program that makes it first, e.g. `arva-hil run` or `arva-hil vehicle`"
 
 
-def open_serial(device: str, baud: int = 115200, *, brief: bool = False) -> Link:
+def open_serial(device: str, baud: int = BAUD, *, brief: bool = False) -> Link:
     """Open a serial port exclusively at `baud` bit/s, 8N1, without flow control.
 
     Raises LinkError with the cure: no such port, no permission, busy, not a serial port. `brief`: without the cure.
@@ -47,7 +48,7 @@ def open_serial(device: str, baud: int = 115200, *, brief: bool = False) -> Link
     return SerialLink(device, port)
 
 
-def open_url(url: str, baud: int = 115200) -> Link:
+def open_url(url: str, baud: int = BAUD) -> Link:
     """Open a pyserial URL: rfc2217://, socket://, loop://, spy://, hwgrep://, alt://. Raises LinkError."""
     import serial
 
@@ -66,7 +67,7 @@ class SerialLink(FdLink):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        return open_serial(address.path, address.baud or how.baud, brief=how.brief)
+        return open_serial(address.path, address.baud or BAUD, brief=how.brief)
 
     def __init__(self, name: str, port: Serial) -> None:
         super().__init__(name, port.fileno())
@@ -86,7 +87,7 @@ class PyserialLink(StreamLink):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        return open_url(address.path, address.baud or how.baud)
+        return open_url(address.path, address.baud or BAUD)
 
     def __init__(self, name: str, port: Serial) -> None:
         super().__init__(name)

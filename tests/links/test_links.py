@@ -234,9 +234,9 @@ def test_open_link_of_what_must_exist(tmp_path: object, keep: Callable[[Link], L
     assert isinstance(serial, SerialLink)
     assert serial._port.baudrate == 57600
     serial.close()
-    serial = keep(open_link(master.path, baud=9600, clock=StepClock()))
+    serial = keep(open_link(master.path, clock=StepClock()))
     assert isinstance(serial, SerialLink)
-    assert serial._port.baudrate == 9600
+    assert serial._port.baudrate == 115200
     assert isinstance(keep(open_link(f"tcp:127.0.0.1:{server.port}", clock=StepClock())), TcpLink)
     path = os.path.join(str(tmp_path), "a.tlog")
     with open(path, "wb") as file:
