@@ -45,7 +45,7 @@ def test_no_two_rooms_import_each_other_and_no_modules_do_in_a_circle() -> None:
     imported = house.arrows(house.modules("arva_hil"))
     assert house.circle(imported) == []
     assert house.circle(house.arrows(house.modules("firmware_proto"))) == []
-    assert house.pairs(house.rooms(imported)) == []
+    assert house.circle(house.rooms(imported)) == []
 
 
 def test_no_two_classes_have_one_name() -> None:

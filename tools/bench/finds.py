@@ -81,11 +81,11 @@ def scheduled(fault: Fault, r: random.Random) -> Fault:
     return replace(fault, from_s=round(begin, 1), until_s=round(begin + lasts, 1), every_s=None, for_s=None)
 
 
-def flown(strategy: str, seed: int, most: int, gps_noise_m: float = 0.0) -> Flown:
+def flown(strategy: str, seed: int, most: int) -> Flown:
     """Fly one search with a stepped clock, like a campaign."""
     world, clock = scenario(seed, most), StepClock()
     plan = SearchPlan(STRATEGIES[strategy], limit_s=_LIMIT_S)
-    loop = ClosedLoop(world, plan, start=clock.now(), gps_noise_m=gps_noise_m, stream_hz=10.0)
+    loop = ClosedLoop(world, plan, start=clock.now(), stream_hz=10.0)
     (drone,) = loop.drones
     run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: drone.decided)
     mission, outcome = drone.mission, drone.search.outcome
@@ -122,12 +122,11 @@ def main() -> None:
         first=(1, "seed of the first"),
         jobs=(2, "at a time"),
         faults=(3, "at most so many at once"),
-        gps_noise_m=(0.0, "error of the position"),
         verbose=(False, "print every run"),
     ).parse_args()
     seeds = range(options.first, options.first + options.runs)
     with ProcessPoolExecutor(options.jobs) as workers:
-        each = [workers.submit(flown, options.strategy, s, options.faults, options.gps_noise_m) for s in seeds]
+        each = [workers.submit(flown, options.strategy, s, options.faults) for s in seeds]
         kinds = Counter(tell(one.result(), options.verbose) for one in each)
     found = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     print(f"{options.strategy}: {options.runs} runs: {found}")
