@@ -14,7 +14,7 @@ from arva_hil.emulator.build import receiver, transmitters
 from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, PoseLost, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.reasons import NoPose
-from arva_hil.events.searches import FromSearch, TransmitterHeard
+from arva_hil.events.searches import FromSearch, PlaceFound, TakeOffPoint, TransmitterHeard
 from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.rotation import from_euler, to_matrix
 from arva_hil.model.receiver import Look, Pose
@@ -119,7 +119,7 @@ def write(
 
 def write_search(folder: Path, count: int = 30, *, ended: bool = True, **outcome: Any) -> Path:
     """The log of a search that took off 2 m north of the datum, one second after the frames began."""
-    log = SearchLog(folder)
+    log = SearchLog(folder, start_s=0.0)
     for n in range(count):
         heard = (1, 1900 - 20 * n, 12, 1) if n % 5 == 0 else (None, None, None, None)
         phase = "climbing" if n < 5 else "flying" if n < count - 5 else "landing"
@@ -132,6 +132,11 @@ def write_search(folder: Path, count: int = 30, *, ended: bool = True, **outcome
     found |= {"covariance": spread, "earth_covariance": spread}
     said = {"started": "2027-01-01T00:00:03.000Z", "outcome": "found", "how": "found", "id": 1, "found": found}
     said |= {"origin": origin, "time_s": 21.5, "path_m": 22.0, "frames": 30, "others": []}
+    log.observe(TakeOffPoint(0.0, *origin))
+    if outcome.get("found", found):
+        log.observe(
+            PlaceFound(0.2 * (count - 6), 1, 18.5, 5.25, (0.16, 0.03, 0.04), True, None, (0.16, 0.03, 0.04), 0.1)
+        )
     log.close(said | outcome)
     if not ended:
         (folder / "search.json").unlink()

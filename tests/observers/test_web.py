@@ -546,18 +546,16 @@ def test_an_empty_run_and_one_reading(record: Path) -> None:
     assert [point[:2] for point in document["receivers"][0]["points"]] == [[0.5, None]]
 
 
-def test_the_log_of_a_search_alone(record: Path) -> None:
-    for name in ("run.json", "readings.csv", "frames.csv", "events.jsonl"):
-        (record / name).unlink()
-    state = RecordedState(load(record))
+def test_the_log_of_a_search_alone(tmp_path: Path) -> None:
+    state = RecordedState(load(write_search(tmp_path)))
     document = shown_at(state, 1e9)
     assert not document["known"]
     assert document["transmitters"] == []
-    assert document["search"]["found"]["place"] == pytest.approx([20.0, 5.0], abs=0.5)
+    assert document["search"]["found"]["place"] == pytest.approx([18.5, 5.25])
     assert document["receivers"][0]["points"][-1][7][0][0] == 1
 
 
-def test_a_search_without_news_has_its_readings_of_every_time(tmp_path: Path) -> None:
+def test_a_search_alone_has_its_readings_of_every_time(tmp_path: Path) -> None:
     state = RecordedState(load(write_search(tmp_path / "search")))
     for time_s, count in ((0.0, 1), (3.3, 4), (2.5, 3), (5.0, 6)):
         document = shown_at(state, time_s)

@@ -21,7 +21,6 @@ from arva_hil.events.searches import (
     FromSearch,
     PlaceFound,
     SearchEnded,
-    TakeOffPoint,
     VictimNoted,
     WaitingFor,
 )
@@ -151,24 +150,6 @@ class RecordedState(State):
         search = recording.search
         if search is None:
             return
-        if TakeOffPoint not in kinds and search.origin is not None:
-            yield TakeOffPoint(-math.inf, *search.origin)
-        if PlaceFound not in kinds and (found := search.found) is not None:
-            flown = search.time_s[search.flying]
-            end_s = search.start_s + float(flown[-1]) if len(flown) else 0.0
-            sure = search.outcome.get("outcome") == "found"
-            target = None if search.target == NO_ID else search.target
-            yield PlaceFound(
-                end_s,
-                target,
-                found.north,
-                found.east,
-                found.covariance,
-                sure,
-                found.relative_covariance,
-                found.earth_covariance,
-                found.autopilot_sigma_m,
-            )
         if SearchEnded not in kinds and search.how:  # the vehicle was taken over, or lost
             yield SearchEnded(self.span_s[1], [because(Why.ERROR, text=search.how)], False)
 
