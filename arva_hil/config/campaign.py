@@ -12,7 +12,7 @@ from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Numbe
 from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, elsewhere, wrong
 from arva_hil.config.nodes import folder_of
 from arva_hil.config.profiles import located
-from arva_hil.config.reading import keys_in, near_file, read, read_text
+from arva_hil.config.reading import keys_in, read, read_text
 from arva_hil.config.scenario import Scenario, load
 from arva_hil.config.tables import Table, TableOf, key, newer_keys, read_keys
 from arva_hil.config.transmitter import KeyingKind
@@ -181,9 +181,7 @@ class _File(Constraint):
         name = Text(str(self)).read(value)
         path = os.path.join(folder_of(value), name)
         if not os.path.isfile(path):
-            close = near_file(path)
-            near = close and os.path.join(os.path.dirname(name), os.path.basename(close))
-            raise wrong(str(self), f"no file {path}", near)
+            raise wrong(str(self), f"no file {path}")
         try:
             scenario = load(path)
         except ScenarioError as error:

@@ -20,7 +20,6 @@ from arva_hil.registry import Registry
 
 FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
-_TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): "."}  # where a number was meant
 
 
 class Constraint:
@@ -89,8 +88,7 @@ class Number(Constraint):
             number = math.nan
         if number in self or (self.endless and number == math.inf and not isinstance(value, Scalar)):
             return number
-        meant = value.plain.translate(_TYPED) if isinstance(value, Scalar) else ""
-        raise wrong(str(self), nearest=meant if FLOAT.fullmatch(meant) and float(meant) in self else None)
+        raise wrong(str(self))
 
     def json(self) -> dict[str, Any]:
         return {"type": "number", "exclusiveMinimum" if self.above else "minimum": self.low, "maximum": self.high}

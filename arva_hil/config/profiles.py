@@ -90,8 +90,6 @@ def take_over(entry: Any, of: str) -> None:
 
 def _missing(name: nodes.Scalar, of: str) -> Problem | None:
     """Return the problem of a profile that does not exist, at the place of its name."""
-    from arva_hil.config.reading import near_file  # slow to import
-
     built_in = [PREFIX + file.removeprefix(f"{of}s/") for file in builtin_files() if file.startswith(f"{of}s/")]
     path = os.path.join(nodes.folder_of(name), name)
     if name in built_in or (not name.startswith(PREFIX) and os.path.exists(path)):
@@ -99,8 +97,7 @@ def _missing(name: nodes.Scalar, of: str) -> Problem | None:
     near, expected = nearest(name.lower(), built_in), any_of(built_in)
     if not name.startswith(PREFIX):
         same = PREFIX + name.removesuffix(".yaml")
-        file = near_file(path)
-        near = same if same in built_in else (file and os.path.relpath(file, nodes.folder_of(name) or ".")) or near
+        near = same if same in built_in else near
         expected = f"a file, or {expected}"
     at = name.node.start_mark
     return Problem(at.name, at.line + 1, at.column + 1, f"no {of} profile {str(name)!r}", expected, near)

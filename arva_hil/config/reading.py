@@ -12,7 +12,6 @@ import yaml
 from arva_hil.config.constraints import whole
 from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, short
 from arva_hil.config.nodes import Items, Mapping, Scalar, Value, value_of
-from arva_hil.errors import nearest
 
 _DEEPEST: Final = 20
 _MOST_PARTS: Final = 1000  # keys of one mapping, or mappings in one list
@@ -165,9 +164,7 @@ def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_F
             data = file.read(largest + 1)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise ScenarioError(
-            [Problem(source, 1, 1, why, what, near_file(source) if isinstance(error, FileNotFoundError) else None)]
-        ) from error
+        raise ScenarioError([Problem(source, 1, 1, why, what)]) from error
     if len(data) > largest:
         raise ScenarioError([Problem(source, 1, 1, f"more than {largest >> 20} MiB", what)])
     try:
@@ -177,17 +174,6 @@ def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_F
         raise ScenarioError(
             [Problem(source, at.line + 1, at.column + 1, f"the byte 0x{data[error.start]:02x}", "UTF-8")]
         ) from error
-
-
-def near_file(path: str) -> str | None:
-    """Return the path of the YAML file in the same folder whose name is most like a missing one, or None."""
-    folder, name = os.path.split(path)
-    try:
-        files = [file for file in os.listdir(folder or ".") if file.endswith((".yaml", ".yml")) and file != name]
-    except (OSError, ValueError):  # ValueError: a NUL or half a surrogate pair in the name
-        return None
-    near = nearest(name, files)
-    return near and os.path.join(folder, near)
 
 
 def open_at_once(path: str, flags: int) -> int:
@@ -224,16 +210,13 @@ def _add(problems: Problems, top: Value, violations: Iterable[Violation]) -> Non
             problems.found.append(one.problem)
             continue
         node = _node(top, one.path, at_key=one.at_key)
-        key, near = _key(one), one.nearest
-        found = key + (describe(node) if one.found is None else one.found)
-        if near and near.startswith("{"):  # a mapping in place of one of its values
-            near = key + near
+        found = _key(one) + (describe(node) if one.found is None else one.found)
         if one.first:
             found += f" (first on line {_node(top, one.first, at_key=True).start_mark.line + 1})"
         place = node.start_mark.index, found, one.expected
         if place not in seen and node.tag != _REFUSED:
             seen.add(place)
-            problems.add(node.start_mark, found, one.expected, near)
+            problems.add(node.start_mark, found, one.expected, one.nearest)
 
 
 def _key(violation: Violation) -> str:

@@ -13,8 +13,8 @@ from dataclasses import MISSING, InitVar, dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple, dataclass_transform, get_args
 
-from arva_hil.config.constraints import Anything, Constraint, Named, Word
-from arva_hil.config.errors import ConstraintError, Violation, any_of, short
+from arva_hil.config.constraints import Anything, Constraint
+from arva_hil.config.errors import ConstraintError, Violation, any_of, short, wrong
 from arva_hil.config.nodes import NEWEST_SPEC
 from arva_hil.config.own_options import own_keys, required_keys
 from arva_hil.errors import nearest
@@ -190,8 +190,7 @@ class TableOf(Constraint):
             return value
         known = _constraints(cls, getattr(value, "spec", NEWEST_SPEC))  # values of Python are of the newest
         if not isinstance(value, Mapping):
-            near = next((f"{{{name}: {value}}}" for name, one in known.items() if _is_word(one, value)), None)
-            raise ConstraintError(Violation(f"a mapping with {', '.join(known)}", nearest=near))
+            raise wrong(f"a mapping with {', '.join(known)}")
         own, owner = cls.own_class(value)
         valid = known | dict.fromkeys(own_keys(own), Anything()) if own else known
         values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, keys(cls))
@@ -227,13 +226,6 @@ class TableOf(Constraint):
         if cls.__one_of__:
             schema["oneOf"] = [{"required": [name]} for name in cls.__one_of__]
         return schema
-
-
-def _is_word(constraint: Constraint, value: Any) -> bool:
-    """Return True if a value is one of a constraint's words."""
-    if not isinstance(constraint, Named | Word) or not isinstance(value, str):
-        return False
-    return value in (constraint.registry if isinstance(constraint, Named) else constraint.words)
 
 
 def _json_default(one: Field) -> dict[str, Any]:

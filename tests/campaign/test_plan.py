@@ -172,11 +172,10 @@ def test_every_mistake_is_named_at_its_place(text: str, expected: list[str]) -> 
         assert line.startswith(f"p.yaml:{start}")
 
 
-def test_a_scenario_that_is_not_there_is_named_with_the_nearest_that_is() -> None:
+def test_a_scenario_that_is_not_there_is_named() -> None:
     source = str(CONFIGS / "campaigns" / "p.yaml")
     (line,) = mistakes("strategies: flux\nscenarios: [../paper_case1.yaml]", source)
     assert line.startswith(f"{source}:2:13: no file {CONFIGS}/campaigns/../paper_case1.yaml, ")
-    assert line.endswith("did you mean '../paper_case_1.yaml'?")
 
 
 def test_two_scenarios_of_one_name_are_refused() -> None:

@@ -244,7 +244,7 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
         ("receiver: {sensitivity: [1, 1]}", "25: sensitivity: 2 numbers, expected 3 (x, y, z)"),
         ("receiver: {sensitivity: 1}", "25: sensitivity: '1', expected a list of 3 numbers (x, y, z)"),
         ("receiver: {noise: off}",
-         "19: noise: 'off', expected a mapping with kind, floor_range_m, did you mean 'noise: {kind: off}'?"),
+         "19: noise: 'off', expected a mapping with kind, floor_range_m"),
         ("receiver: {noise: {kind: Gausian}}",
          "26: kind: 'Gausian', expected one of uniform, gaussian, off, did you mean 'gaussian'?"),
         ("receiver: {noise: {kind: }}", "25: kind: nothing, expected one of uniform, gaussian, off"),
@@ -259,7 +259,7 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
         ("receiver: {no_signal: [x, -1]}", "24: no_signal: 'x', expected a whole number from -1 to 0"),
         ("receiver: {no_signal: [0, x]}", "27: no_signal: 'x', expected a whole number from -1 to 0"),
         ("receiver: {no_signal: -1}", "23: no_signal: '-1', expected a list of 2 whole numbers"),
-        ("output: nmea", "9: output: 'nmea', expected a mapping with format, did you mean 'output: {format: nmea}'?"),
+        ("output: nmea", "9: output: 'nmea', expected a mapping with format"),
         ("output: {format: debugvect}",
          "18: format: 'debugvect', expected one of binary, nmea, text, handheld, vector, rssi, tunnel, named, "
          "named_float, debug_vect, "
