@@ -165,8 +165,7 @@ class TcpServerLink(SeveralSenders):
         self._selector.register(self._listener, selectors.EVENT_READ)
 
     def fileno(self) -> int | None:
-        fileno = getattr(self._selector, "fileno", None)
-        return fileno() if fileno and self._open else None
+        return self._selector.fileno() if self._open else None
 
     def ready(self) -> bool:
         return self._open and bool(self._selector.select(0))

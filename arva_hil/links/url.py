@@ -95,8 +95,6 @@ def parse(text: str) -> Address:
         return Address("tlog", path=text)
     if re.match(_DEVICE, text):
         return _serial(text, text, colon=False)
-    if re.fullmatch(r"(tty|cu\.|rfcomm)\w+(,[0-9]+)?", text):
-        raise _refused(text, "is no connection", f"/dev/{text}")
     raise _refused(text, "is no connection", *_EXAMPLES)
 
 
@@ -114,12 +112,7 @@ def _network(text: str, scheme: str, rest: str) -> Address:
     rest = rest.removesuffix("/")
     match = re.fullmatch(_HOST_PORT, rest)
     if not match:
-        if re.fullmatch(r"\[[^\]]*\]", rest):
-            raise _refused(text, "has no port", f"{scheme}:{rest}:{usual}")
-        if "[" not in rest and ("::" in rest or rest.count(":") > 2):
-            host, _, port = rest.rpartition(":")
-            raise _refused(text, "has an IPv6 address without brackets", f"{scheme}:[{host}]:{port or usual}")
-        raise _refused(text, "is not a host and a port", f"{scheme}:{_LOOPBACK}:{usual}")
+        raise _refused(text, "is not a host and a port", f"{scheme}:{_LOOPBACK}:{usual}", f"{scheme}:[::1]:{usual}")
     host, port = match[1], match[2]
     if host is None and not port.isdecimal():
         host, port = port, ""
