@@ -115,21 +115,22 @@ def test_all_victims_are_there_and_those_who_are_missed(tmp_path: Path) -> None:
     lat_lon = [46.0124799, 7.7456645]
     victims = [
         {"id": 2, "north": 28.0, "east": 5.5, "down": 0.0, "covariance": None, "lat_lon": lat_lon, "sure": True},
-        {"id": 1, "north": 18.0, "east": 5.0, "down": 0.0, "covariance": None, "lat_lon": lat_lon, "sure": False},
+        {"id": 1, "north": 18.0, "east": -5.0, "down": 0.0, "covariance": None, "lat_lon": lat_lon, "sure": False},
     ]
     write_search(folder, COUNT, outcome="not found", how="2 found in 90 s", wanted=3, victims=victims)
     recording = load(folder)
     assert found_of(recording) == "1 of 3 found, 1 not sure"
-    assert errors_m(recording) == pytest.approx({0: 0.5, 1: 0.0}, abs=1e-3)
+    assert errors_m(recording) == pytest.approx({0: 0.5, 1: 10.0}, abs=1e-3)
     search = facts(recording)["What the search found"]
-    assert search["place of victim 1"] == "transmitter 2: 28.00 m north, 5.50 m east of the take-off point"
+    assert search["place of victim 1"] == "transmitter 2: 28.0 m north, 5.5 m east of the take-off point"
     assert search["error of victim 1"] == "0.50 m from the transmitter, horizontally"
-    assert search["place of victim 2"].endswith(
-        "; not sure: the readings contradict the place, or ± relative to the drone is above 0.4 m"
+    assert search["place of victim 2"] == (
+        "transmitter 1: 18.0 m north, 5.0 m west of the take-off point; "
+        "not sure: the readings contradict the place, or ± relative to the drone is above 0.4 m"
     )
     assert search["transmitter 3"] == "not found"
     verdict = words(page([recording])).partition("What the search found")[0]
-    assert "1 of 3 found, 1 not sure, 0.50 m, less than 1 cm from the transmitters" in verdict
+    assert "1 of 3 found, 1 not sure, 0.50 m, 10.00 m from the transmitters" in verdict
     assert "exit code" not in verdict
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.events.words.text import placed
 from arva_hil.records.comparing.again import Floats, Paired
 from arva_hil.records.reading import NO_ID, RecordedReceiver
 from firmware_proto.frame import missing
@@ -250,10 +251,10 @@ def _hints(one: RecordedReceiver, two: RecordedReceiver, pairs: Paired, c: _Colu
         nearest = int(np.nanargmin(d_m))
         off_m = range_m[nearest] - 1.2 * d_m[nearest]
         if off_m > _FAR_M:
-            north, east, _ = one.position[pairs.first[nearest]]
+            there = placed(*one.position[pairs.first[nearest], :2])
             hints.append(
                 f"the place of {name} is about {off_m:.0f} m off: the smallest d, {d_m[nearest]:.1f} m, was read at "
-                f"{north:.0f} m north, {east:.0f} m east, {range_m[nearest]:.0f} m from its place"
+                f"{there}, {range_m[nearest]:.0f} m from its place"
             )
         elif not (np.isfinite(range_m) | np.isfinite(c.second[0])).any():
             hints.append(f"{name} has a signal in the first, and none in the second")

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from arva_hil.events.words.text import placed
 from arva_hil.model.field import rotation
 from arva_hil.records.fitting.estimation import Estimation, Part
 from arva_hil.records.fitting.flight import Floats, RecordedFlight, with_near_signs
@@ -67,11 +68,10 @@ def _of_places(problem: Estimation, fit: ReceiverFit) -> Iterator[str]:
             nearest = int(mine.d_m.argmin())
             range_m = float(np.linalg.norm(position[nearest] - flight.places[id_]))
             if range_m > 2.5 * mine.d_m[nearest] + 5 * problem.gps.sigma_m:
-                north, east, _ = position[nearest]
                 yield (
                     f"the surveyed place of {name_of(id_)} is about {range_m - mine.d_m[nearest]:.0f} m off: the "
-                    f"smallest d, {mine.d_m[nearest]:.1f} m, was read {range_m:.0f} m from it, at {north:.0f} m north, "
-                    f"{east:.0f} m east"
+                    f"smallest d, {mine.d_m[nearest]:.1f} m, was read {range_m:.0f} m from it, at "
+                    f"{placed(*position[nearest, :2])}"
                 )
                 break
 

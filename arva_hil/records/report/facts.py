@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from arva_hil.config import Scenario
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.words.reasons import in_words
-from arva_hil.events.words.text import in_metres, unless_reported
+from arva_hil.events.words.text import in_metres, placed, unless_reported
 from arva_hil.records.reading import RecordedPlace, RecordedReceiver, Recording, mapping, number, objects, streams, text
 from arva_hil.safe_text import one_line
 from arva_hil.search.strategies.strategy import sigma_of
@@ -122,7 +122,7 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
 def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str]]:
     who = "" if found.id is None else f"transmitter {found.id}: "
     doubt = "" if found.sure else f"; {in_words(because(Why.NOT_SURE))}"
-    yield "place", f"{who}{found.north:z.2f} m north, {found.east:z.2f} m east of the take-off point{doubt}"
+    yield "place", f"{who}{placed(found.north, found.east)} of the take-off point{doubt}"
     if found.lat_lon:
         yield "latitude, longitude", f"{found.lat_lon[0]:.7f}, {found.lat_lon[1]:.7f}"
     if ellipse := found.ellipse():
