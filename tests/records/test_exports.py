@@ -117,6 +117,30 @@ def test_each_place_of_several_is_there_with_its_ellipse_and_its_order(tmp_path:
     assert (kinds.count("found"), kinds.count("ellipse")) == (2, 2)
 
 
+def test_a_search_that_was_killed_has_its_places_from_its_events(tmp_path: Path) -> None:
+    folder = write_search(tmp_path, ended=False)
+    found = {"event": "place_found", "earth_covariance": [0.04, 0.0, 0.04], "sure": True}
+    events: list[dict[str, Any]] = [
+        {"event": "take_off_point", "time_s": 0.0, **dict(zip(("lat", "lon", "alt"), HOME, strict=True))},
+        {"event": "search_begun", "time_s": 1.0, "wanted": None},
+        {"time_s": 2.0, "transmitter": 7, "north_m": 10.0, "east_m": -3.0, **found},
+        {"time_s": 4.5, "transmitter": 3, "north_m": -5.0, "east_m": 2.0, **found},
+        {"time_s": 4.6, "transmitter": [], "north_m": "x", "east_m": None, **found},
+    ]
+    written(folder / "search.jsonl", "".join(json.dumps(event) + "\n" for event in events))
+    recording = load(folder)
+    assert recording.search is not None
+    assert [(one.id, one.time_s) for one in recording.search.places] == [(7, 1.0), (3, 3.5)]
+    features = json.loads(exported("geojson", recording))["features"]
+    places = [one["geometry"]["coordinates"] for one in features if one["properties"]["kind"] == "found"]
+    frame = LocalFrame(*HOME)
+    for place, ned in zip(places, ([10.0, -3.0, 0.0], [-5.0, 2.0, 0.0]), strict=True):
+        lat, lon, _ = frame.lla(ned)
+        assert place[:2] == pytest.approx([lon, lat], abs=1e-8)
+    assert "track" in [one["properties"]["kind"] for one in features]
+    assert "2 of 2 in the order of probing; the search has not ended; on Earth" in str(features)
+
+
 def test_kml_has_d_beside_each_point_and_nothing_where_nothing_is_heard(tmp_path: Path) -> None:
     root = etree.fromstring(exported("kml", load(write(tmp_path / "flight", COUNT, search=False))))
     gx = "{http://www.google.com/kml/ext/2.2}"

@@ -56,7 +56,7 @@ def _attachments(recording: Recording) -> Iterator[tuple[str, bytes]]:
         yield "run.json", _json(recording.run.json)
         if scenario := recording.run.json.get("scenario"):
             yield "scenario.yaml", _json(scenario)  # JSON is YAML
-    if recording.search is not None and recording.search.outcome:
+    if recording.search is not None and recording.search.how:  # it has ended
         yield "search.json", _json(recording.search.outcome)
 
 

@@ -138,11 +138,12 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: 
     there = LocalFrame(*found.lat_lon, alt)
     outline = [(north - found.north, east - found.east, 0.0) for north, east in found.outline()]
     edge = np.stack(there.lla(outline), axis=-1)[:, :2].tolist() if outline else []
-    about = f"{order}{search.how}; no uncertainty is known"
+    order += search.how or "the search has not ended"
+    about = f"{order}; no uncertainty is known"
     if ellipse := found.ellipse():
         major, minor, bearing = ellipse
         about = (
-            f"{order}{search.how}; on Earth {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × "
+            f"{order}; on Earth {PROBABILITY:.0%} inside an ellipse of {in_metres(major)} × "
             f"{in_metres(minor)} (semi-axes), long axis {math.degrees(bearing) % 180:.0f}°"
             f"{unless_reported(found.autopilot_sigma_m)}"
         )

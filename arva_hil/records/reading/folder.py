@@ -141,8 +141,8 @@ def load(folder: Path) -> Recording:
             folder, f"{found if folder.exists() else 'no such folder'}; name one that --record has written"
         )
     if not (folder / RUN).exists():
-        search, notes = read_search(folder, None)
         news, more = _events(folder / NEWS)
+        search, notes = read_search(folder, None, news)
         started = search.started_utc_s if search else None
         return Recording(folder, None, (), search, tuple(news), (), started, started, {}, tuple(notes + more))
     run, notes = _run(folder / RUN)
@@ -159,8 +159,8 @@ def load(folder: Path) -> Recording:
     first = next((event for event in events if event.get("event") == "first_frame"), {})
     start_s = number(first.get("time_s")) or 0.0
     start_utc_s = seconds_of(text(first.get("utc")))
-    search, of_search = read_search(folder, start_utc_s)
     news, of_news = _events(folder / NEWS)
+    search, of_search = read_search(folder, start_utc_s, [*events, *news])
     events = [{**event, "time_s": event["time_s"] - start_s} for event in events]
     events += [{**event, "time_s": event["time_s"] + (search.start_s if search else 0.0)} for event in news]
     events.sort(key=lambda event: event["time_s"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import (
     Lines,
@@ -93,10 +94,10 @@ class RecordedPlace:
 class RecordedSearch:
     """One search: K steps of its flight, metres from the take-off point, NED. What is empty is NaN.
 
-    `outcome`: search.json as it is, empty if the search was killed. `found`: the place reported. `origin`: the take-off
-    point, degrees, degrees, metres AMSL; None without a take-off. `started_utc_s`: the time 0 of the steps in seconds
-    since 1970, None if the search was killed. `start_s`: the same on the clock of the run in this folder, 0 without
-    one.
+    `outcome`: search.json as it is; if the search was killed, what its events have of it. `found`: the place reported.
+    `origin`: the take-off point, degrees, degrees, metres AMSL; None without a take-off. `started_utc_s`: the time 0 of
+    the steps in seconds since 1970, None if the search was killed. `start_s`: the same on the clock of the run in this
+    folder, 0 without one.
     """
 
     time_s: Array  # (K,)
@@ -141,10 +142,13 @@ class RecordedSearch:
         return np.array([phase == "flying" for phase in self.phase], bool)
 
 
-def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch | None, list[str]]:
+def read_search(
+    folder: Path, start_utc_s: float | None, events: Sequence[Mapping[str, Any]]
+) -> tuple[RecordedSearch | None, list[str]]:
     """Return the search in a folder, None if there is none, and notes. Raises RecordingError.
 
-    `start_utc_s`: the run's time 0 in seconds since 1970, None if it is not known.
+    `start_utc_s`: the run's time 0 in seconds since 1970, None if it is not known. `events`: of the search; they have
+    the places of one that was killed.
     """
     if not (folder / TRACK).exists():
         return None, []
@@ -159,7 +163,7 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         if phase not in names and len(names) >= _MOST_PHASES:
             raise lines.error(f"more than {_MOST_PHASES} kinds of phases")
         phases.append(names.setdefault(phase, len(names)))
-    outcome = json_object(folder / OUTCOME) if (folder / OUTCOME).exists() else {}
+    outcome = json_object(folder / OUTCOME) if (folder / OUTCOME).exists() else _so_far(events)
     values = np.stack([numbers.column(name, len(numbers)) for name in _NUMBERS], axis=1)
     id_, d_cm, delta_deg, zone = values[:, 5:].T
     every = list(names)
@@ -179,6 +183,24 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         started_s,
         0.0 if started_s is None or start_utc_s is None else started_s - start_utc_s,
     ), lines.note
+
+
+def _so_far(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the contents of search.json as far as they are known from the events."""
+    outcome, victims, begun_s = dict[str, Any](), dict[object, dict[str, Any]](), 0.0
+    for event in events:
+        kind = event.get("event")
+        if kind == "take_off_point":
+            outcome["origin"] = [event.get(name) for name in ("lat", "lon", "alt")]
+        elif kind == "search_begun":
+            outcome["wanted"], begun_s = event.get("wanted"), event["time_s"]
+        elif kind == "place_found":
+            id_, (north, east) = event.get("transmitter"), (number(event.get(name)) for name in ("north_m", "east_m"))
+            found = {**event, "id": id_, "north": north, "east": east, "time_s": event["time_s"] - begun_s}
+            if (origin := lat_lon_alt(outcome.get("origin"))) and north is not None and east is not None:
+                found["lat_lon"] = [float(degrees) for degrees in LocalFrame(*origin).lla([north, east, 0.0])[:2]]
+            victims[id_ if isinstance(id_, int) else len(victims)] = found
+    return {**outcome, "victims": [*victims.values()]}
 
 
 def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
