@@ -6,13 +6,29 @@ from typing import Any, Final
 
 from arva_hil.config.common import FORMAT, SEED, SYSTEM_ID, Triple
 from arva_hil.config.constraints import ListOf, Number, Numbers, Text
-from arva_hil.config.errors import Violation
+from arva_hil.config.errors import Violation, wrong
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.tables import Table, TableOf, duplicates, items_of, key, lacks
+from arva_hil.links.url import AddressError, parse
 from arva_hil.registry import over_mavlink
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-_LINK: Final = Text("a connection string")
+
+
+class _LinkText(Text):
+    """A connection string."""
+
+    def read(self, value: Any) -> str:
+        text = super().read(value)
+        try:
+            parse(text)
+        except AddressError as error:
+            found, _, examples = str(error).rpartition(": write ")
+            raise wrong(f"{self} such as {examples}", found) from None
+        return text
+
+
+_LINK: Final = _LinkText("a connection string")
 _SIGMA: Final = Number(0, 1000, unit="m")
 _TAU: Final = Number(0, 1_000_000, above=True, unit="s")
 

@@ -608,7 +608,7 @@ TWO = "- {{name: a, {a} receivers: [{{name: r, port: {p}}}]}}\n- {{name: b, {b} 
         ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "'-'", "pty", ["--json"], "both go to stdout"),
         ("autopilot: '-',", "autopilot: 'udpin:h:2',", "pty", "pty", [], "cannot be read"),
         ("autopilot: 'nonsense',", "autopilot: 'udpin:h:2',", "pty", "pty", [], "nonsense"),
-        ("system: 1,", "system: 2,", "nonsense", "pty", ["--json"], "a/r: 'nonsense' is no connection"),
+        ("system: 1,", "system: 2,", "nonsense", "pty", ["--json"], "'nonsense' is no connection, expected"),
     ],
 )
 def test_what_does_not_fit_together_is_refused_before_anything_is_opened(

@@ -102,8 +102,8 @@ def test_a_receiver_has_the_keys_of_the_scenarios_receiver_unless_it_has_its_own
         "vehicles:\n"
         "- name: a\n"
         "  receivers:\n"
-        "  - {name: front, port: p, rate_hz: 10}\n"
-        "  - {name: rear, port: q, format: nmea, mount: {attitude: {yaw: 180}}}\n"
+        "  - {name: front, port: pty:p, rate_hz: 10}\n"
+        "  - {name: rear, port: pty:q, format: nmea, mount: {attitude: {yaw: 180}}}\n"
     )
     common = ReceiverOptions(channels=2, rate_hz=5.0, noise=Noise("off"), mount=MountOptions((1.0, 0.0, 0.0)))
     assert (front.receiver, front.output_format) == (replace(common, rate_hz=10.0), "text")
@@ -116,8 +116,8 @@ def test_a_receiver_has_the_keys_of_the_scenarios_receiver_unless_it_has_its_own
 def test_receivers_without_a_seed_have_different_ones_that_follow_the_scenarios() -> None:
     vehicles = (
         "vehicles:\n"
-        "- {name: a, system: 1, receivers: [{name: x, port: p}, {name: y, port: q, seed: 40}]}\n"
-        "- {name: b, system: 2, receivers: [{name: x, port: r}]}\n"
+        "- {name: a, system: 1, receivers: [{name: x, port: pty:p}, {name: y, port: pty:q, seed: 40}]}\n"
+        "- {name: b, system: 2, receivers: [{name: x, port: pty:r}]}\n"
     )
     assert [receiver.seed for receiver in receivers(vehicles)] == [1, 40, 3]
     assert [receiver.seed for receiver in receivers("seed: 9223372036854775807\n" + vehicles)] == [2**63 - 1, 40, 1]
@@ -129,7 +129,7 @@ def test_a_receiver_over_the_autopilots_link_needs_no_port() -> None:
 
 
 def test_vehicles_on_links_of_their_own_need_no_system_and_every_pty_is_a_new_one() -> None:
-    vehicle = "- {{name: {0}, autopilot: {0}, receivers: [{{name: r, port: pty}}]}}\n"
+    vehicle = '- {{name: {0}, autopilot: "pty:{0}", receivers: [{{name: r, port: pty}}]}}\n'
     scenario = parse(ONE + "vehicles:\n" + vehicle.format("a") + vehicle.format("b"), "f.yaml")
     assert [vehicle.system for vehicle in scenario.vehicles] == [None, None]
 
