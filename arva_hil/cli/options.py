@@ -76,7 +76,7 @@ class CommandParser(argparse.ArgumentParser):
         Args:
             names: its flags and the name of its value, e.g. "--rate HZ"; without a name it is a flag.
             help: its meaning. A default that is a number or a name is added, if the help does not have one.
-            convert: makes the value of a text. ValueError or ArvaError report a wrong text.
+            convert: makes the value of a text; None: any text but "". ValueError or ArvaError report a wrong text.
             default: its value if it is not given.
             environment: False if no variable may set the option.
             more: see `add_argument`; `const` is the value of the flag alone.
@@ -86,7 +86,7 @@ class CommandParser(argparse.ArgumentParser):
         if "const" in more:
             more["nargs"] = "?"
         if len(flags) < len(words):
-            more["metavar"], more["type"] = words[-1], convert
+            more["metavar"], more["type"] = words[-1], convert or name
         elif not more.keys() & {"choices", "action"}:
             more["action"], default = "store_true", False
         if "default" not in help and isinstance(default, int | float | str) and "action" not in more:
@@ -213,6 +213,13 @@ def option(names: str, help: str, *declared: Any, **more: Any) -> Adder:
 def module_name(command: str) -> str:
     """Return the name of a command's module in `cli`, and of its function in `cli.arguments`."""
     return command.replace("-", "_")
+
+
+def name(text: str) -> str:
+    """Convert the name of a file or another thing; an empty one is often that of a shell variable without a value."""
+    if not text:
+        raise ValueError("'' is empty: write a value, or leave the option out")
+    return text
 
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
