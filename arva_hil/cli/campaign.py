@@ -18,7 +18,7 @@ from arva_hil.campaign.results import REPORT, TABLE, Results, ResultsError, flow
 from arva_hil.campaign.results import replace as write
 from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError, cluster, processes
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError, interrupting
-from arva_hil.cli.recorded import needing
+from arva_hil.cli.recorded import is_campaign, needing
 from arva_hil.cli.terminal import bar, show, show_json, show_one, tell, time_left
 from arva_hil.clock import RealClock
 from arva_hil.config.campaign import CampaignPlan, load_plan
@@ -31,6 +31,8 @@ _MOST: Final = 200_000  # trials in one run, which keeps all results in memory
 
 
 def main(options: argparse.Namespace) -> int:
+    if len(both := options.typed & {"jobs", "scheduler", "merge"}) > 1:
+        raise UsageError(f"{' and '.join(f'--{one}' for one in sorted(both))}: choose one")
     plan, name = _part(load_plan(options.plan), options.shard)
     if options.dry_run:
         return _list(trials(plan), as_json=options.json)
@@ -41,6 +43,11 @@ def main(options: argparse.Namespace) -> int:
         with needing("dask", "--scheduler"):
             importlib.import_module("distributed")
     folder = Path(options.out or f"{Path(options.plan).stem}-results{name}")
+    for other in options.merge or ():
+        if not is_campaign(other):
+            raise UsageError(f"--merge {other}: no results.sqlite there, expected the folder of a campaign")
+        if os.path.realpath(other) == os.path.realpath(folder):
+            raise UsageError(f"--merge {other}: these are the results themselves: leave it out")
     with opened(folder) as kept:
         return _campaign(options, plan, every, kept)
 

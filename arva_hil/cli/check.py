@@ -21,6 +21,8 @@ _COMMAND_LINES: Final = "file:the link of the command line"  # like no other
 
 def main(options: argparse.Namespace) -> int:
     if options.schema:
+        if options.files:
+            raise UsageError(f"--schema: it checks no file: leave out {options.files[0]}")
         show(*schema_text(options.schema).splitlines())
         return OK
     if not options.files:

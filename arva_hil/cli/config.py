@@ -84,7 +84,7 @@ def _lines(node: yaml.Node, key: Key = ()) -> Iterator[tuple[Key, int]]:
             yield from _lines(value, (*key, number))
 
 
-_IN_THE_SCENARIO: Final = ("rate", "format", "seed", "fault", "json", "sources")
+_IN_THE_SCENARIO: Final = ("rate", "format", "seed", "fault", "json", "sources", "typed")
 _COMMENT_AT: Final = 42  # the column of comments, where values leave room for it
 
 

@@ -23,6 +23,8 @@ def main(options: argparse.Namespace) -> int:
             raise UsageError(f"--only: no clause {name!r}; {hint}")
     chosen = [clause for clause in every.values() if not options.only or clause.name in options.only]
     if options.list:
+        if options.command or options.junit or options.pty:
+            raise UsageError("--list: it judges nothing: leave out COMMAND, --junit and --pty")
         show(
             *(
                 f"{clause.name:<15} {clause.text} ({clause.section}){'; with --pty' if clause.pty else ''}"

@@ -13,7 +13,11 @@ from arva_hil.registry import EXPORTS
 def main(options: argparse.Namespace) -> None:
     if not options.out:
         raise UsageError("--out is missing: name the file to write, e.g. --out flight.kml, or - for stdout")
-    name = options.export_format or _by_suffix(options.out)
+    name, suffix = options.export_format, Path(options.out).suffix.lower().removeprefix(".")
+    if name is None:
+        name = _by_suffix(options.out)
+    elif suffix != name and suffix in EXPORTS:
+        raise UsageError(f"--format {name}: --out {options.out} says {suffix}: leave one of them out")
     with needing(name, f"--format {name}"):
         write = EXPORTS[name]
     recording = loaded(options.run)

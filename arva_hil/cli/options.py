@@ -119,7 +119,10 @@ class CommandParser(argparse.ArgumentParser):
         return self._actions
 
     def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> argparse.Namespace:
-        """Parse the command line and the environment. Raises UsageError."""
+        """Parse the command line and the environment. Raises UsageError.
+
+        `typed` of the result: the names of the options on the command line.
+        """
         environment = os.environ if environment is None else environment
         if not self._usual:
             arguments = ["--help" if argument == _ALL else argument for argument in arguments]
@@ -129,6 +132,8 @@ class CommandParser(argparse.ArgumentParser):
             if value := environment.get(name):
                 weaker += self._from_environment(name, value, action)
         options = self.parse_args([*weaker, *arguments])
+        flags = {word.partition("=")[0] for word in arguments}
+        options.typed = {one.dest for one in self._actions if flags & set(one.option_strings)}
         if self.tells_sources:
             options.sources = self._sources(arguments, environment)
         return options

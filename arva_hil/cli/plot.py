@@ -22,6 +22,8 @@ def main(options: argparse.Namespace) -> None:
         raise UsageError(
             f"--out {out}: a sheet has its own size: name a folder, or leave out --paper, --size and --dpi"
         )
+    if options.dpi and format != "png":
+        raise UsageError(f"--dpi: of PNG, and the pictures are {format}: leave it out")
     form = Print(options.size or (COLUMN_IN if options.paper else None), options.dpi, options.paper)
     if is_campaign(options.run):
         _campaign(options, out, format, sheet, form)

@@ -86,7 +86,7 @@ def main(options: argparse.Namespace) -> int:
         named = bool(members[0].name)
         under = background_of(options.map, None) if options.map else None
         state = partial(State, "search", title, known=False, named=named, background=under)
-        page = open_page(options.web, state, printer.say)
+        page = open_page(options, state, printer.say)
         if page:
             stack.callback(lambda: page.close(*_end(searchers, guard)))
         live = live_observers(options, None, clock.epoch_us)

@@ -142,7 +142,7 @@ def members_of(options: argparse.Namespace) -> list[Member]:
     elif options.vehicle:
         raise UsageError(f"--vehicle {options.vehicle}: one of the vehicles of --scenario FILE, which is missing")
     else:
-        alone = Member("", options.target_system, options.autopilot, options.receiver, options.format)
+        alone = Member("", options.target_system, options.autopilot, options.receiver, options.format or "binary")
     for name in ("autopilot", "receiver"):
         if getattr(alone, name) in (None, "-"):
             raise UsageError(
@@ -188,6 +188,8 @@ def _team(
     source, vehicles = scenario.source, scenario.vehicles
     if options.victims != 1:
         raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
+    if options.format:
+        raise UsageError(f"--format: {source} has the format of each receiver: leave it out")
     if not 1 <= len(vehicles) <= MOST_MEMBERS:
         raise UsageError(f"{source}: {len(vehicles)} vehicles, expected 1 to {MOST_MEMBERS} that search")
     if not isinstance(scenario.datum, Lla):

@@ -24,6 +24,8 @@ from arva_hil.records.reading import Recording, load
 
 
 def main(options: argparse.Namespace) -> int:
+    if options.out and options.typed & {"web", "duration"}:
+        raise UsageError("--out: the command writes the file and ends: leave out --web and --duration")
     guard, clock = SignalGuard(), RealClock()
     with guard, ExitStack() as stack:
         if (recording := _recording(options, stack)) is None:

@@ -50,7 +50,7 @@ def page_of_run(
             hidden=getattr(options, "hide_truth", False),
         )
 
-    return open_page(options.web, state, say)
+    return open_page(options, state, say)
 
 
 def background_of(path: str | None, scenario: Scenario | None) -> Source | None:
@@ -69,12 +69,15 @@ def background_of(path: str | None, scenario: Scenario | None) -> Source | None:
     return terrain(grid) if isinstance(grid, TerrainGrid) else None
 
 
-def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Callable[..., None]) -> WebPage | None:
-    """Return the page at an address, None for none and "off".
+def open_page(options: argparse.Namespace, state: Callable[[], State], say: Callable[..., None]) -> WebPage | None:
+    """Return the page of --web; None without --web.
 
-    Raises WebError if it cannot be served. `say`: see above.
+    Raises WebError if it cannot be served, UsageError for a map without a page. `say`: see above.
     """
+    wanted: HostPort | str | None = options.web
     if not isinstance(wanted, HostPort):
+        if "map" in options.typed:
+            raise UsageError("--map: there is no page: add --web, or leave it out")
         return None
     from arva_hil.observers.web.page import WebPage
 

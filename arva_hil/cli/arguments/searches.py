@@ -178,6 +178,7 @@ def search(parser: CommandParser) -> None:
         option("--receiver URL", "link to the receiver's port", link),
     )
     parser.group("search", shared.format_option(default="binary", without=MAVLINK_FORMATS), *PLAN)
+    parser.set_defaults(format=None)  # binary, or that of the scenario's receivers
     parser.group("several vehicles", *TEAM)
     parser.group("start and end of the flight", *FLIGHT)
     parser.group(
@@ -242,7 +243,12 @@ def campaign(parser: CommandParser) -> None:
             "fly only part K of N of the plan, every N-th seed; default folder: PLAN-results-K-of-N",
             shard,
         ),
-        option("--merge DIR", "fly nothing: copy the results of these folders and write the report", nargs="+"),
+        option(
+            "--merge DIR",
+            "fly nothing: copy the results of these folders and write the report",
+            nargs="+",
+            action="extend",
+        ),
         option("--dry-run", "list the trials, without flying or writing"),
         option("--json", "print a JSON object for each trial on stdout"),
     )
