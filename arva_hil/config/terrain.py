@@ -1,6 +1,5 @@
 """The terrain of a scenario: an ESRI ASCII grid of heights, as of GDAL, or the autopilot's data."""
 
-import functools
 import math
 import os
 from array import array
@@ -55,22 +54,9 @@ def ground_conflicts(of: Any) -> Iterator[Violation]:
 
 def load_grid(path: str) -> "TerrainGrid":
     """Return the grid in a file. Raises ScenarioError with the first mistake."""
-    try:
-        of = os.stat(path)
-    except (OSError, ValueError):
-        return parse_grid(_text(path), path)  # for its message
-    return _loaded(path, of.st_mtime_ns, of.st_size)
-
-
-@functools.lru_cache(maxsize=4)
-def _loaded(path: str, *version: int) -> "TerrainGrid":
-    return parse_grid(_text(path), path)
-
-
-def _text(path: str) -> str:
     from arva_hil.config.reading import read_text  # slow to import
 
-    return read_text(path, _WHAT, _LARGEST)
+    return parse_grid(read_text(path, _WHAT, _LARGEST), path)
 
 
 def parse_grid(text: str, source: str) -> "TerrainGrid":
