@@ -542,6 +542,27 @@ def test_a_vehicle_at_rest_that_is_ordered_to_sink_stands(
     assert height.landed == landed
 
 
+@pytest.mark.parametrize(("rests_s", "landed"), [(1.4, False), (1.8, True)])
+def test_a_sink_may_begin_late(vehicle: Vehicle, rests_s: float, landed: bool) -> None:
+    assert any(descent(vehicle, [(rests_s, 0.0), (1.0, 0.5)])) == landed
+
+
+def test_a_stop_of_a_sink_that_has_begun_is_a_contact_at_once(vehicle: Vehicle) -> None:
+    stands = descent(vehicle, [(1.4, 0.0), (1.0, 0.5), (1.0, 0.0)])
+    assert not any(stands[:15])
+    assert stands[-1]
+
+
+def descent(vehicle: Vehicle, parts: list[tuple[float, float]]) -> list[bool]:
+    """Order a hover to sink at 0.5 m/s. `parts`: how long it sinks, and at which speed; returns when it stands."""
+    above, stands = 10.0, []
+    for n, sinks in enumerate([0.0] + [sinks for seconds, sinks in parts for _ in range(round(seconds / 0.2))]):
+        above -= 0.2 * sinks
+        state = VehicleState(0, np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks]), (1.0, 0.0, 0.0, 0.0), 0.0)
+        stands.append(vehicle.ground.height(n * 0.2, state, 0.5 if n else 0.0).landed)
+    return stands
+
+
 # -- a link that is silent -----------------------------------------------------------------------------------
 
 

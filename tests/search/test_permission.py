@@ -546,21 +546,36 @@ def test_a_pilot_who_takes_px4_between_two_heartbeats_is_not_overridden(before_s
     assert world.orders() == []
 
 
+def delay(world: World, seconds: float) -> None:
+    """What the vehicle says arrives so much later."""
+    under_way: list[tuple[float, bytes]] = []
+
+    def delayed(data: bytes) -> bytes:
+        under_way.append((world.clock.now() + seconds, data))
+        came = [data for at, data in under_way if at <= world.clock.now()]
+        del under_way[: len(came)]
+        return b"".join(came)
+
+    world.between = delayed
+
+
+@BOTH
+def test_a_slow_link_is_no_ground_below_a_hover(make: Callable[..., Any]) -> None:
+    """It is ordered to sink at once, and reported to sink later."""
+    world = taking_over(airborne(make), height=3.0)
+    delay(world, 0.4)
+    world.until(lambda: world.client.outcome or world.ned[2] > -3.5)
+    assert world.client.outcome is None
+    assert not world.client.mission.ended
+
+
 @pytest.mark.parametrize("stick_s", [0.7, None])
 def test_an_order_that_is_in_transmission_is_undone(stick_s: float | None) -> None:
     """The pilot moves a stick, or the person stops the search, before the vehicle's new mode has arrived here."""
     vehicle = airborne(ardupilot)
     vehicle._pilot.sticks = (1500,) * 4
     world = taking_over(vehicle)
-    under_way: list[tuple[float, bytes]] = []
-
-    def delayed(data: bytes) -> bytes:
-        under_way.append((world.clock.now() + 0.15, data))
-        came = [data for at, data in under_way if at <= world.clock.now()]
-        del under_way[: len(came)]
-        return b"".join(came)
-
-    world.between = delayed
+    delay(world, 0.15)
     world.reach("flying")
     world.pass_s(1.05 if stick_s is None else stick_s)
     if stick_s is None:

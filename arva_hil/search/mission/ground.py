@@ -53,7 +53,8 @@ _ERRORS_M: Final = {"altitude": 4.0, "barometer": 2.0, "GPS": 4.0}  # without th
 _WEATHER: Final = 0.01  # m/s: the drift of the barometer
 _CLEARANCE_OFF_M: Final = 3.0
 _LONG_S: Final = 15.0  # end the search after this time of disagreement
-_CONTACT_M: Final = 0.4  # ordered descent at rest: the vehicle is on the ground
+_CONTACT_M: Final = 0.4  # ordered descent at rest after a sink: the vehicle is on the ground
+_BEGIN_M: Final = 0.4  # and so much more before a sink begins: link, autopilot and vehicle delay it
 
 
 class Height(NamedTuple):
@@ -95,14 +96,14 @@ class _Level:
 class _Motion:
     """The motion by the vehicle's velocity, from `start` on.
 
-    `silent`: the last pose was old. `stalled`: the descent that was ordered at rest [m]. `reported`: the estimated
-    altitude minus the climb [m].
+    `silent`: the last pose was old. `stalled`: the descent that was ordered at rest [m], negative while a sink may
+    begin. `reported`: the estimated altitude minus the climb [m].
     """
 
     def __init__(self) -> None:
         self.start = Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
         self.silent = False
-        self.stalled = self.reported = 0.0
+        self.stalled, self.reported = -_BEGIN_M, 0.0
         self._last: Odometry | None = None
         self._climbs = 0.0  # m/s
 
@@ -123,8 +124,10 @@ class _Motion:
             climbed = by_position
         self._climbs = -sinks
         if not self.silent:  # an old pose may be of a vehicle that sinks meanwhile
-            rests = ordered > 2 * AT_REST_M_S and abs(sinks) < AT_REST_M_S
-            self.stalled = self.stalled + ordered * dt if rests else 0.0
+            if ordered <= 2 * AT_REST_M_S:
+                self.stalled = -_BEGIN_M
+            else:
+                self.stalled = self.stalled + ordered * dt if abs(sinks) < AT_REST_M_S else 0.0
         self._last = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
         return self._last
 
