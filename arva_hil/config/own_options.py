@@ -54,9 +54,15 @@ def own_keys(cls: type[Any] | None) -> Mapping[str, OwnKey]:
     """Return the constraints of own keys; `cls`: the class of the options, None without one."""
     if cls is None:
         return {}
-    if not is_dataclass(cls):
-        raise KindError(f"the Options {cls.__qualname__} are no dataclass", "decorate them with @dataclass")
-    hints = get_type_hints(cls, include_extras=True)
+    if not isinstance(cls, type) or not is_dataclass(cls):
+        named = getattr(cls, "__qualname__", repr(cls))
+        raise KindError(f"the Options {named} are no dataclass", "decorate them with @dataclass")
+    try:
+        hints = get_type_hints(cls, include_extras=True)
+    except Exception as error:  # e.g. a name that is imported under TYPE_CHECKING
+        raise KindError(
+            f"the Options {cls.__qualname__} have an annotation that cannot be read ({error})", "import its names"
+        ) from error
     return {
         one.name: OwnKey(hints[one.name], one.default, one.default is MISSING and one.default_factory is MISSING)
         for one in fields(cls)

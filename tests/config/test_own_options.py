@@ -24,6 +24,11 @@ class Colour(Enum):
     RED = "red"
 
 
+@dataclass
+class Unread:
+    typed: Nowhere  # type: ignore[name-defined]  # noqa: F821
+
+
 @dataclass(frozen=True)
 class Options:
     needed: int
@@ -136,6 +141,10 @@ def test_without_a_default_a_key_is_needed_and_python_may_give_options_or_a_mapp
             own_options(cls, options, "it")
     with pytest.raises(KindError, match="ListOf are no dataclass"):
         own_keys(ListOf)
+    with pytest.raises(KindError, match="the Options 7 are no dataclass"):
+        own_keys(7)  # type: ignore[arg-type]
+    with pytest.raises(KindError, match="Unread have an annotation that cannot be read"):
+        own_keys(Unread)
     assert issubclass(ConstraintError, ValueError)
 
 
