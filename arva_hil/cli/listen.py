@@ -66,12 +66,12 @@ def main(options: argparse.Namespace) -> int:
             raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
         listener.finish()
         return listener.verdict()
+    if options.url and os.path.isdir(path):
+        raise UsageError(f"{path}: is a directory: write the file in it, e.g. {path / 'frames.bin'}")
     try:
         parse(options.url)
     except AddressError as error:
         raise UsageError(f"{error}; there is no file of that name either" if options.url else error) from None
-    if os.path.isdir(path):
-        raise UsageError(f"{path}: is a directory: write the file in it, e.g. {path / 'frames.bin'}")
     clock = RealClock()
     if options.url == "-":
         for chunk in _chunks(sys.stdin.fileno(), clock, options.duration):
