@@ -89,6 +89,19 @@ def pilot(autopilot: Autopilot, mode: Mode) -> None:
     autopilot.link.read = lambda: read() + (once.pop() if once else b"")  # type: ignore[method-assign]
 
 
+def test_it_finds_what_an_emulator_hears_and_lands(start: Start, tmp_path: Path) -> None:
+    scenario = written(tmp_path / "near.yaml", "transmitters: [{id: 4, ned: [2, -3, 0]}]\n")
+    ours, theirs, port = (f"{tmp_path}/{name}" for name in ("ours", "theirs", "arva0"))
+    start("vehicle", "--link", f"pty:{ours}", "--link", f"pty:{theirs}").says("on the ground")
+    emulator = start("run", "--autopilot", theirs, "--port", f"pty:{port}", "--scenario", scenario)
+    emulator.says("readings are real")
+    program = start("search", "--autopilot", ours, "--receiver", port, "--json", *LOW)
+    program.ends()
+    found = json.loads(program.out)
+    assert (found["outcome"], found["id"]) == ("found", 4)
+    assert [found["found"][axis] for axis in ("north", "east")] == pytest.approx([2, -3], abs=0.5)
+
+
 # -- before anything flies ---------------------------------------------------------------------------------
 
 

@@ -1,8 +1,8 @@
 """A search on each autopilot, all in real time and over real links: run, search, one flight, the victim found.
 
-The simulators of others fly only where ARVA_HIL_ARDUCOPTER or ARVA_HIL_PX4 names a binary; a machine without them
-still flies the built-in vehicle. They take the loopback ports of one flight: run with `-n 0`, and with `-rP` to read
-what came of each. ARVA_SITL_TRANSMITTERS: how many random ones each of them searches for, 2 if nothing is said.
+The simulators fly only where ARVA_HIL_ARDUCOPTER or ARVA_HIL_PX4 names a binary; the built-in vehicle does in
+tests/cli/test_search.py. They take the loopback ports of one flight: run with `-n 0`, and with `-rP` to read what came
+of each. ARVA_SITL_TRANSMITTERS: how many random ones each of them searches for, 2 if nothing is said.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ GPS_M = 5.0  # of the true place from the estimated one: 1.5 m on each axis, and
 def flights() -> Iterator[Any]:
     """Binary, strategy, transmitter, seed."""
     cases = {case: load(str(CONFIGS / f"paper_case_{case}.yaml")).transmitters[0] for case in (1, 2, 3, 4)}
-    yield pytest.param("vehicle", "estimate", cases[4], 4, id="vehicle-estimate-4")
     for binary in BINARIES:
         name = Path(binary).name
         for strategy in WITHIN_M:
