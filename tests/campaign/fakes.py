@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import random
 import signal
@@ -72,6 +73,13 @@ def dying(trial: Trial) -> Result:
     if trial.scenario.seed > FREE:
         os.kill(os.getpid(), signal.SIGKILL)
     return fake(trial)
+
+
+def dask(program: str, arguments: list[str], environment: dict[str, str]) -> None:
+    """A scheduler or a worker, in a process of its own."""
+    os.environ.update(environment)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    importlib.import_module(f"distributed.cli.{program}").main(arguments)
 
 
 def exiting(trial: Trial) -> Result:

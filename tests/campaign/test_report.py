@@ -80,6 +80,7 @@ def test_the_table_has_a_line_for_each_strategy_with_its_interval() -> None:
     assert compared.startswith("estimate against flux on 1 trials: success ")
 
 
+@pytest.mark.usefixtures("uncharted")
 def test_a_place_found_has_its_error_relative_to_the_vehicle_beside_that_on_earth() -> None:
     rows = runs(2.5, 2.5, sigma_m=2.0, relative_m=0.5, relative_sigma_m=0.1)
     expected = ["2.50 / 2.50", "2.00 / 2.00", "0 / 100 %", "2 / 0"]
@@ -88,6 +89,7 @@ def test_a_place_found_has_its_error_relative_to_the_vehicle_beside_that_on_eart
     assert cells(report.page("p", rows, 2.0), "By strategy")[0][7:] == expected
 
 
+@pytest.mark.usefixtures("uncharted")
 def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
     flux = [replace(one, seed=n) for n, one in enumerate(runs(0.5, 1.0, None, 9.0))]
     other = [
@@ -119,6 +121,11 @@ def test_each_number_of_drones_has_a_line_in_both_tables() -> None:
     assert [line.split(" & ")[:3] for line in lines] == expected
 
 
+@pytest.fixture
+def uncharted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(charts, "draw", lambda rows, success_m: {})
+
+
 @pytest.fixture(scope="module")
 def page() -> str:
     return report.page("my <plan>", ROWS, 2.0)
@@ -131,6 +138,7 @@ def cells(page: str, heading: str) -> list[list[str]]:
     return [[re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<td.*?</td>", line)] for line in lines]
 
 
+@pytest.mark.usefixtures("uncharted")
 def test_runs_that_found_a_place_too_far_off_are_explained() -> None:
     rows = list(runs(0.5, 1.0, 5.0))
     assert (
@@ -162,6 +170,7 @@ def test_the_page_has_a_table_for_each_axis_of_several_values(page: str) -> None
     ]
 
 
+@pytest.mark.usefixtures("uncharted")
 def test_a_screen_has_room_for_all_columns_and_a_phone_always_shows_the_strategy(browser: Any, tmp_path: Path) -> None:
     long = "4 random within 50 m at 0 to 2 m, pulsed, modern"
     more = {"time_s": 100.0, "path_m": 100.0, "sigma_m": 2.0, "relative_m": 1.5, "relative_sigma_m": 2.0}
@@ -208,6 +217,7 @@ def test_the_charts_are_drawn_and_success_by_distance_where_distances_are_many()
         assert ElementTree.fromstring(svg).tag.endswith("svg")
 
 
+@pytest.mark.usefixtures("uncharted")
 def test_texts_of_a_plan_and_of_trials_are_texts_on_the_page() -> None:
     rows = [replace(ONE, scenario=f"<b>{n}", noise=f'"{n}', outcome="<script>alert(1)</script>") for n in range(2)]
     page = report.page("&amp;<i>", rows, 2.0)

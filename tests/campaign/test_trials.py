@@ -105,7 +105,7 @@ from arva_hil.campaign.plan import trials
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import fly
 from arva_hil.config.campaign import parse_plan
-text = "{spec: 1, strategies: [estimate], scenarios: [{random: {within_m: 50}}], seeds: [7, 406, 505]}"
+text = "{spec: 1, strategies: [estimate], scenarios: [{random: {within_m: 50}}], seeds: [7]}"
 for planned in trials(parse_plan(text, "plan")): print(row(planned, fly(planned.trial)))
 """
     without = "AVX2 AVX512_SKX X86_V3 X86_V4"  # names of older and of newer numpy
@@ -116,7 +116,7 @@ for planned in trials(parse_plan(text, "plan")): print(row(planned, fly(planned.
     ]
     one, other = (process.communicate(timeout=120)[0] for process in running)
     assert one == other
-    assert one.count("outcome='found'") == 3
+    assert one.count("outcome='found'") == 1
 
 
 # A cluster
@@ -150,7 +150,8 @@ def test_a_large_plan_goes_to_a_cluster_in_shards(scheduler: str, monkeypatch: p
     assert crew.shard == len(EVERY) // 3 + 1
     assert max(map(len, shards)) == crew.shard
     assert sorted(one.key for some in shards for one, _ in some) == sorted(EXPECTED)
-    kept = {one.key: result for some in shards for one, result in some if not result.outcome.startswith("failed")}
+    raised = "failed: ZeroDivisionError"
+    kept = {one.key: result for some in shards for one, result in some if not result.outcome.startswith(raised)}
     assert (kept, len(kept)) == ({key: EXPECTED[key] for key in kept}, len(EVERY) // 2)
 
 
@@ -171,12 +172,6 @@ def test_of_what_was_flown_the_scheduler_keeps_little(scheduler: str, monkeypatc
 def kept(dask_scheduler: Scheduler) -> int:
     """Bytes of the messages in the scheduler's logs of its workers."""
     return sum(len(pickle.dumps(list(comm.recent_message_log))) for comm in dask_scheduler.stream_comms.values())
-
-
-def test_a_trial_that_raises_on_a_cluster_has_that_for_an_outcome(scheduler: str) -> None:
-    with cluster(scheduler, len(EVERY)) as crew:
-        results = flown(crew, fakes.raising)
-    assert sum(result.outcome.startswith("failed: ZeroDivisionError") for result in results.values()) == 12
 
 
 def test_a_scheduler_that_goes_is_said() -> None:
@@ -213,12 +208,12 @@ def row_of(folder: Path, scenario: str, plan: str = PLAN) -> TrialRow:
 
 
 def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path) -> None:
-    """It has stopped 8 m from where it was at first before anybody is near."""
-    path = "{frame: ned, points: [[0, 12, 0, 0], [10, 20, 0, 0]]}"
+    """It has stopped 4 m from where it was at first before anybody is near."""
+    path = "{frame: ned, points: [[0, 6, 0, 0], [5, 10, 0, 0]]}"
     one = row_of(tmp_path, f"spec: 2\ntransmitters: [{{id: 1, path: {path}}}]\n")
-    assert (one.outcome, one.distance_m) == ("found", 12.0)
+    assert (one.outcome, one.distance_m) == ("found", 6.0)
     assert (one.error_m, one.hover_m) == (pytest.approx(0, abs=0.5), pytest.approx(0, abs=2.1))
-    assert one.path_m > 20
+    assert one.path_m > 10
 
 
 def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the_vehicle(tmp_path: Path) -> None:
@@ -229,7 +224,7 @@ def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the
 
 
 def test_of_several_victims_the_uncertainty_is_that_of_the_place_with_the_largest_error(tmp_path: Path) -> None:
-    two = "transmitters: [{id: 1, ned: [8, -6, 0]}, {id: 2, ned: [-6, 9, 0]}]\n"
+    two = "transmitters: [{id: 1, ned: [4, -3, 0]}, {id: 2, ned: [-3, 5, 0]}]\n"
     one = row_of(tmp_path, two, f"{PLAN}victims: 2\n")
     assert (one.outcome, one.error_m, one.sigma_m) == ("found", pytest.approx(0, abs=0.1), pytest.approx(2.1, abs=0.1))
     assert (one.relative_m, one.relative_sigma_m) == (None, None)  # the vehicle has left the first place
@@ -272,8 +267,8 @@ def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> Non
 
 
 def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_last(tmp_path: Path) -> None:
-    two = "spec: 2\ntransmitters: [{id: 1, ned: [8, -6, 0]}, {id: 2, ned: [-6, 9, 0]}]\n"
-    plan = "strategies: flux\nscenarios: one.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-12, -12, 12, 12]\n"
+    two = "spec: 2\ntransmitters: [{id: 1, ned: [4, -3, 0]}, {id: 2, ned: [-3, 5, 0]}]\n"
+    plan = "strategies: flux\nscenarios: one.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-6, -6, 6, 6]\n"
     one = row_of(tmp_path, two, plan)
     assert (one.outcome, one.drones, one.hover_m) == ("found", 2, None)
     assert one.error_m == pytest.approx(0, abs=1.0)
