@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 
 from arva_hil.campaign import report, results
 from arva_hil.campaign.results import row
@@ -44,18 +45,23 @@ def test_without_out_each_picture_is_a_file_in_the_record(arva: Arva, tmp_path: 
     ]
 
 
-def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(arva: Arva, tmp_path: Path) -> None:
+def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = write(tmp_path / "flight", 5)
-    for width, more in ((3.5, []), (7.16, ["--size", "7.16"])):
-        arva("plot", folder, "--paper", *more, "--out", tmp_path / f"{width}")
-        files = list((tmp_path / f"{width}").iterdir())
-        assert {file.name for file in files} >= {"map.pdf", "distance.pdf", "timeline.pdf"}
-        for file in files:
-            data = file.read_bytes()
-            assert float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", data)[1]) == pytest.approx(72 * width, abs=0.1)
-            assert b"/FontFile2" in data  # TrueType
-            assert b"/Type3" not in data
-            assert b"/Subtype /Image" not in data
+    arva("plot", folder, "--paper", "--out", tmp_path / "paper")
+    files = list((tmp_path / "paper").iterdir())
+    assert {file.name for file in files} >= {"map.pdf", "distance.pdf", "timeline.pdf"}
+    for file in files:
+        data = file.read_bytes()
+        assert float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", data)[1]) == pytest.approx(72 * 3.5, abs=0.1)
+        assert b"/FontFile2" in data  # TrueType
+        assert b"/Type3" not in data
+        assert b"/Subtype /Image" not in data
+    widths: list[float] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: widths.append(figure.get_figwidth()))
+    arva("plot", folder, "--paper", "--size", "7.16", "--out", tmp_path / "wide")
+    assert widths == [7.16] * len(files)
     assert "a sheet has its own size: name a folder" in arva.refused(
         "plot", folder, "--paper", "--out", tmp_path / "sheet.pdf"
     )
@@ -250,7 +256,7 @@ def test_what_a_pipe_gets_is_what_a_file_gets(name: str, arva: Arva, start: Call
 
 @pytest.fixture
 def few_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Along search strips, which take most of the time; tests/pages/test_command_lines.py flies all."""
+    """Along search strips, which take most of the time."""
     monkeypatch.setattr(range_test, "_PASSES", 2)
 
 

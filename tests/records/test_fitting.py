@@ -96,7 +96,7 @@ def test_the_age_of_pulses_is_not_a_delay(of_exact: ReceiverFit) -> None:
     assert late.value == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize(("model", "seed"), [("pulsed", 31), ("rssi", 31), ("rssi", 42)])
+@pytest.mark.parametrize(("model", "seed"), [("pulsed", 31), ("rssi", 42)])
 def test_receivers_of_pulses_are_fitted(model: str, seed: int, tmp_path: Path) -> None:
     chosen, truth = drawn(seed, model)
     chosen = replace(chosen, navigation_error=None, output_format="rssi" if model == "rssi" else "binary")
@@ -109,7 +109,7 @@ def test_receivers_of_pulses_are_fitted(model: str, seed: int, tmp_path: Path) -
     parse_profile(profile(found, [""]), "receiver", "p.yaml")
 
 
-def test_several_records_are_fitted_together(tmp_path: Path) -> None:
+def test_the_truth_lies_in_the_intervals_of_several_records_with_wind_noise_and_an_error_of_gps(tmp_path: Path) -> None:
     chosen, truth = drawn(32)
     second = [point._replace(time_s=point.time_s - SHORT[7].time_s) for point in SHORT[7:]]
     flights = [
@@ -118,6 +118,7 @@ def test_several_records_are_fitted_together(tmp_path: Path) -> None:
     ]
     far = np.abs(list(misses(fit(flights, "paper", GPS).estimates, truth).values()))
     assert len(far) >= 8
+    assert np.mean(far <= 1) >= 0.8, far
     assert far.max() < 2, far
 
 
@@ -128,15 +129,6 @@ def test_outliers_count_little(exact: tuple[Path, Scenario, dict[str, float]], o
     found = fit([replace(flight, d_m=d_m)], "paper", EXACT)
     assert found.outliers >= 0.8 * len(d_m[5::12])
     assert found.estimates["kappa_eq"].value == pytest.approx(of_exact.estimates["kappa_eq"].value, rel=0.03)
-
-
-def test_the_truth_lies_in_the_intervals_with_wind_noise_and_an_error_of_gps(tmp_path: Path) -> None:
-    chosen, truth = drawn(2)
-    found = fitted(rehearse(tmp_path / "r", chosen, SHORT, latency_s=truth["latency"], seed=2), GPS)
-    far = np.abs(list(misses(found.estimates, truth).values()))
-    assert len(far) >= 8
-    assert np.mean(far <= 1) >= 0.8, far
-    assert far.max() < 2, far
 
 
 def test_a_dipole_whose_axis_is_reversed_is_not_a_miss() -> None:
@@ -204,7 +196,7 @@ LEVELS = ((0.0, 0.0), (0.5, 5.0), (1.0, 10.0))
 
 
 def record(
-    folder: Path, throttle: Callable[[float], float] | None, steps: str = "cm", seconds: float = 240
+    folder: Path, throttle: Callable[[float], float] | None, steps: str = "cm", seconds: float = 120
 ) -> Recording:
     """Return the record of a vehicle that stands 20 m from the transmitter."""
     pulsed = {"start_s": 0.0, "steps": steps, "noise_na_m": 1.0}
@@ -216,7 +208,7 @@ def record(
 
 
 def test_the_levels_are_those_of_the_vehicle(tmp_path: Path) -> None:
-    ground = record(tmp_path, lambda t: 0.0 if t < 120 else 0.5)
+    ground = record(tmp_path, lambda t: 0.0 if t < 60 else 0.5)
     (off, quiet), (on, loud) = noise_levels(ground)
     assert (off, quiet) == (pytest.approx(0, abs=0.02), 0)
     assert on == pytest.approx(0.5, abs=0.03)
@@ -226,8 +218,8 @@ def test_the_levels_are_those_of_the_vehicle(tmp_path: Path) -> None:
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
     with pytest.raises(FitError, match="the autopilot has sent no load of its motors"):
-        noise_levels(record(tmp_path / "a", None, seconds=60))
+        noise_levels(record(tmp_path / "a", None, seconds=45))
     with pytest.raises(FitError, match="had 1 loads with 20 readings or more, two are needed"):
-        noise_levels(record(tmp_path / "b", lambda t: 0.5, seconds=60))
+        noise_levels(record(tmp_path / "b", lambda t: 0.5, seconds=45))
     with pytest.raises(FitError, match="its steps hide the noise\\. Put the transmitter farther away"):
-        noise_levels(record(tmp_path / "c", lambda t: 0.0 if t < 60 else 0.5, "digits", seconds=120))
+        noise_levels(record(tmp_path / "c", lambda t: 0.0 if t < 30 else 0.5, "digits", seconds=60))
