@@ -63,22 +63,24 @@ def test_it_finds_the_transmitter_and_lands(tmp_path_factory: pytest.TempPathFac
     assert (record / "search.png").stat().st_size > 10_000
 
 
-def test_the_strategy_the_format_and_an_error_of_the_gps_are_chosen(
+def test_the_format_and_an_error_of_the_gps_are_chosen(
     arva: Arva, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     hint = "the GPS of this flight had no error; --gps-noise 1.5 flies with one"
     assert hint in demo(tmp_path_factory).err
     assert "; less than 10 cm from the drone ± " in demo(tmp_path_factory).err
-    err = arva(*MAX, "--strategy", "flux", "--format", "text", "--gps-noise", 0.5, "--record", tmp_path).err
+    near = scenario(tmp_path, (1, 6.0, 3.0))
+    record = tmp_path / "record"
+    err = arva(*MAX, "--format", "text", "--gps-noise", 0.5, "--scenario", near, "--record", record).err
     assert hint not in err
     assert 0.1 < error_m(err) < 2.0
     assert "\nfound a transmitter: " in err  # this format has no ids
     assert re.search(r"of the take-off point; .* the drone ± (0\.\d m|\d cm)", err)  # by the check of the readings
     unknown = "or more: the autopilot does not report its accuracy"
     assert re.search(rf"position: .* ± 2\.\d m on Earth, {unknown}", err)
-    assert unknown in arva("report", tmp_path, "--out", "-").out
-    assert unknown in arva("export", tmp_path, "--format", "kml", "--out", "-").out
-    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+    assert unknown in arva("report", record, "--out", "-").out
+    assert unknown in arva("export", record, "--format", "kml", "--out", "-").out
+    events = [json.loads(line) for line in (record / "events.jsonl").read_text().splitlines()]
     (found,) = [one for one in events if one["event"] == "place_found"]
     assert found["autopilot_sigma_m"] is None
 
@@ -91,7 +93,7 @@ def test_at_full_speed_it_is_repeatable(tmp_path: Path, tmp_path_factory: pytest
 
 
 def test_two_victims_are_found_one_after_the_other_and_listed(arva: Arva, tmp_path: Path) -> None:
-    two = scenario(tmp_path, (7, 12.0, -4.0), (8, -10.0, 10.0))
+    two = scenario(tmp_path, (7, 6.0, -2.0), (8, -5.0, 5.0))
     err = arva(*MAX, "--scenario", two, "--victims", 2, "--record", tmp_path / "record").err
     lines = err.splitlines()
     at = lines.index("found 2 of 2")
@@ -111,18 +113,18 @@ def test_two_victims_are_found_one_after_the_other_and_listed(arva: Arva, tmp_pa
 
 def test_without_a_signal_it_flies_its_strips_lands_and_says_so(arva: Arva, tmp_path: Path) -> None:
     far = scenario(tmp_path, (1, 400.0, 0.0))
-    err = arva(*MAX, "--scenario", far, "--area=-20,-20,20,20", "--record", tmp_path / "record", code=1).err
+    err = arva(*MAX, "--scenario", far, "--area=-10,-10,10,10", "--record", tmp_path / "record", code=1).err
     says(err, "search: no signal: all strips are flown; landing", "\nno signal: all strips are flown\n")
     search = json.loads((tmp_path / "record" / "search.json").read_text())
     assert (search["outcome"], search["found"], search["others"], search["exit_code"]) == ("not found", None, [], 1)
-    assert search["path_m"] == pytest.approx(60, abs=5)
+    assert search["path_m"] == pytest.approx(30, abs=3)
 
 
 def test_of_two_victims_the_nearer_is_found_outside_the_area_too_and_the_other_reported(
     arva: Arva, tmp_path: Path
 ) -> None:
-    two = scenario(tmp_path, (7, 20.0, -4.0), (8, -30.0, 10.0))
-    err = arva(*MAX, "--scenario", two, "--area=-10,-10,10,10", "--record", tmp_path / "record").err
+    two = scenario(tmp_path, (7, 9.0, -2.0), (8, -30.0, 10.0))
+    err = arva(*MAX, "--scenario", two, "--area=-5,-5,5,5", "--record", tmp_path / "record").err
     assert error_m(err) < 1.0
     assert "found transmitter 7: " in err
     assert re.search(r"^transmitter 8 was received, but not found; nearest, [\d.]+ m away, at ", err, re.MULTILINE)
@@ -130,8 +132,14 @@ def test_of_two_victims_the_nearer_is_found_outside_the_area_too_and_the_other_r
     assert other["id"] == 8
 
 
-def test_the_time_is_limited(arva: Arva, tmp_path: Path) -> None:
-    err = arva(*MAX, "--limit", 10, "--record", tmp_path, code=1).err
+def test_the_strategy_is_chosen_and_the_time_is_limited(
+    arva: Arva, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    err = arva(*MAX, "--strategy", "flux", "--limit", 10, "--record", tmp_path, code=1).err
+    flux, usual = (table(record / "search.csv") for record in (tmp_path, demo(tmp_path_factory).record))
+    begun = [row["phase"] for row in flux].index("flying")
+    assert flux[begun + 10]["phase"] == usual[begun + 10]["phase"] == "flying"
+    assert flux[begun + 10]["v_east"] != usual[begun + 10]["v_east"]
     says(err, "\nnot found in 10 s\n", "\ntransmitter 1 was received, but not found; nearest, ")
 
 
@@ -145,12 +153,10 @@ def test_it_can_be_interrupted(start: Start, tmp_path: Path) -> None:
 
 
 def test_a_full_disk_does_not_end_the_flight(start: Start, tmp_path: Path) -> None:
-    program = start(
-        *(*MAX, "--record", tmp_path),
-        **full_disk(),
-    )
+    record = tmp_path / "record"
+    program = start(*MAX, "--scenario", scenario(tmp_path, (1, 6.0, 3.0)), "--record", record, **full_disk())
     assert error_m(program.ends(1)) < 1.0
-    assert f"error: {tmp_path}: cannot record: File too large" in program.err
+    assert f"error: {record}: cannot record: File too large" in program.err
 
 
 @pytest.mark.parametrize("name", ["search.csv", "search.json", "frames.bin"])
@@ -183,7 +189,7 @@ def test_an_error_of_the_estimate_is_refused_where_the_vehicle_tells_the_truth(a
 # -- `arva-hil demo` with several drones on one field ----------------------------------------------------------
 
 
-FIELD = "spec: 2\ntransmitters: [{id: 1, ned: [14, -10, 0.5]}, {id: 2, ned: [-12, 12, 1]}]\n"
+FIELD = "spec: 2\ntransmitters: [{id: 1, ned: [7, -5, 0.5]}, {id: 2, ned: [-6, 6, 1]}]\n"
 
 
 @pytest.fixture
@@ -196,7 +202,7 @@ def test_two_drones_find_one_transmitter_each_and_what_was_not_found_is_named(
 ) -> None:
     field.write_text(FIELD.replace("}]", "}, {id: 3, ned: [-400, 12, 1]}]"))
     record = tmp_path / "record"
-    words = ("--scenario", field, "--count", 2, "--area=-20,-20,20,20", "--limit", 120, "--record", record)
+    words = ("--scenario", field, "--count", 2, "--area=-10,-10,10,10", "--limit", 60, "--record", record)
     err = arva("demo", "--speed", "max", "--web", "127.0.0.1:0", *words, code=1).err
     assert "page: http://127.0.0.1:" in err
     for id_ in (1, 2):

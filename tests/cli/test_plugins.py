@@ -122,14 +122,14 @@ def test_frames_go_to_a_link_of_another_package(arva: Arva, autopilot: Autopilot
 @pytest.mark.usefixtures("example")
 def test_a_demo_flies_by_another_s_strategy_by_its_name_or_its_place(arva: Arva, tmp_path: Path) -> None:
     named, placed = tmp_path / "named", tmp_path / "placed"
-    near = written(tmp_path / "near.yaml", "transmitters: [{id: 1, ned: [7, 3, 0.5]}]\n")
+    near = written(tmp_path / "near.yaml", "transmitters: [{id: 1, ned: [3, 2, 0.5]}]\n")
     words = "demo", "--speed", "max", "--scenario", near, "--strategy"
     assert "found" in arva(*words, "homing", "--record", named).err
-    arva(*words, "arva_example.strategy:Homing", "--limit", 6, "--record", placed, code=1)
+    arva(*words, "arva_example.strategy:Homing", "--limit", 4, "--record", placed, code=1)
     flown, landed, _ = (placed / "search.csv").read_text().partition("landing")
     lines = flown.splitlines()[:-3]  # it stops before it lands
     assert landed
-    assert len(lines) > 20
+    assert len(lines) > 15
     assert (named / "search.csv").read_text().splitlines()[: len(lines)] == lines
 
 
