@@ -12,7 +12,7 @@ import pytest
 from arva_hil.autopilot.following.navigation import VehicleState
 from arva_hil.campaign.trial import FOUND
 from arva_hil.clock import StepClock
-from arva_hil.config import DEFAULT, parse
+from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import (
@@ -44,12 +44,11 @@ from tests.search.test_client import VICTIM, World
 from tests.search.world import PAPER, fly
 from tests.simulated_px4 import Px4
 from tools.bench import worlds
-from tools.bench.finds import flown
 from tools.fuzz import sensors
 
 NOT_SURE = in_words(because(Why.NOT_SURE))
 
-BURIED = "{id: 1, ned: [14, 9, 1], attitude: {pitch: 20, yaw: 70}}"
+BURIED = "{id: 1, ned: [6, 4, 1], attitude: {pitch: 20, yaw: 70}}"
 WIND, CALM = (4.0, -3.0, 0.0), (0.0, 0.0, 0.0)
 MOUNTED = "receiver: {mount: {position: [0.5, -0.2, 0.1], attitude: {roll: 5, yaw: 90}}}"
 
@@ -116,105 +115,50 @@ class Flight:
 
 @pytest.mark.parametrize(
     ("height", "seed", "reported", "source"),
-    [
-        (1.0, 0, SENSORS, "rangefinder"),
-        (3.0, 4, SENSORS, "rangefinder"),
-        (3.0, 3, dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE, "estimate"),
-    ],
+    [(1.0, 0, SENSORS, "rangefinder"), (3.0, 3, dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE, "estimate")],
 )
 def test_the_ground_is_not_touched_though_the_position_wanders(
     height: float, seed: int, reported: int, source: str
 ) -> None:
     """Without a rangefinder the barometer keeps it up."""
-    flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed, sensors=reported, limit_s=40.0)
+    flight = Flight("flux", gps_noise_m=1.5, height=height, seed=seed, sensors=reported, limit_s=40.0)
     assert flight.outcome.kind in ("found", "not found")
     assert flight.lowest > height / 2
     assert source in flight.height_sources
 
 
-def test_with_gps_alone_it_flies_higher() -> None:
-    flight = Flight("estimate", gps_noise_m=1.5, seed=0, sensors=0, limit_s=30.0)
-    assert flight.lowest > 1.5
+@pytest.mark.parametrize(("trusted", "least", "most"), [(False, 1.5, 12.0), (True, 1.5, 3.5)])
+def test_with_gps_alone_it_flies_higher_unless_it_is_trusted(trusted: bool, least: float, most: float) -> None:
+    noise_m = 0.0 if trusted else 1.5
+    flight = Flight("flux", gps_noise_m=noise_m, seed=0, sensors=0, trust_gps=trusted, limit_s=15.0)
+    assert least < flight.lowest < max(flight.heights) < most
+    assert trusted or max(flight.heights) > 5.0
     assert flight.height_sources == ["GPS"]
     assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
-
-
-def test_who_insists_flies_as_low_as_asked_for_by_gps_alone() -> None:
-    flight = Flight("estimate", sensors=0, trust_gps=True, limit_s=20.0)
-    assert max(flight.heights) < 3.5
-    assert flight.height_sources == ["GPS"]
 
 
 # -- where it lands ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("strategy", "within_m", "wind"), [("estimate", 0.2, WIND), ("flux", 0.7, CALM), ("extremum", 1.0, WIND)]
-)
-def test_a_receiver_that_is_mounted_aside_finds_as_well_in_wind_and_it_lands_there(
-    strategy: str, within_m: float, wind: tuple[float, float, float]
-) -> None:
-    flight = Flight(strategy, MOUNTED, mount=mount(), wind=wind)
+def test_a_receiver_that_is_mounted_aside_finds_as_well_in_wind_and_it_lands_there() -> None:
+    mount = Mount((0.5, -0.2, 0.1), from_euler(*np.radians((5, 0, 90))))
+    flight = Flight("estimate", MOUNTED, mount=mount, wind=WIND)
     assert flight.outcome.kind == "found"
-    assert flight.off < within_m
+    assert flight.off < 0.2
     assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
     assert math.dist(flight.touchdown[:2], flight.outcome.found[:2]) < 0.35  # the vehicle's centre
 
 
-# -- a receiver off the centre, and turned -----------------------------------------------------------------
-
-
-def mount() -> Mount:
-    return Mount((0.5, -0.2, 0.1), from_euler(*np.radians((5, 0, 90))))
-
-
-def test_a_mount_that_nobody_told_of_is_an_error_of_the_place() -> None:
-    flight = Flight("estimate", "receiver: {mount: {position: [0.5, 0, 0]}}")
-    assert flight.off == pytest.approx(0.5, abs=0.1)
-
-
-def test_mounted_aside_with_late_readings_and_a_position_that_wanders_no_find_is_false() -> None:
-    flight = Flight("estimate", MOUNTED, "faults: [{delay_s: 1}]", mount=mount(), gps_noise_m=1.0, limit_s=60.0)
-    if flight.outcome.kind == "found":
-        assert flight.off < 3.0
-
-
 # -- what is not found -------------------------------------------------------------------------------------
 
-STUCK, LATE = "{stuck: true, from_s: 25}", "{delay_s: 5}"
 REPEATS = ("failed", "the receiver repeats the same reading: it is stuck")
 
 
-@pytest.mark.parametrize(
-    ("strategy", "fault"),
-    [("estimate", STUCK), ("estimate", LATE), ("flux", STUCK), ("extremum", LATE)],
-)
-def test_what_is_found_lies_there_or_is_not_called_found(strategy: str, fault: str) -> None:
-    """The other two: below."""
-    flight = Flight(strategy, f"faults: [{fault}]", limit_s=60.0)
-    assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
-    if flight.outcome.kind == "found":
-        assert flight.off < 2.5
-    else:
-        assert flight.outcome.kind in ("not sure", "failed", "not found")
-
-
-NEAR = (  # searches that end 20 to 22 s from the start of the vehicle
-    "{id: 1, ned: [-8.189, 10.766, 1.79], attitude: {roll: -51.283, pitch: 26.181, yaw: 134.321}}",
-    "{id: 1, ned: [12.114, -7.159, 1.839], attitude: {roll: 13.919, pitch: -63.731, yaw: -144.578}}",
-)
-
-
-@pytest.mark.parametrize(("seed", "victim", "since"), [(4, NEAR[0], 18.0), (12, NEAR[1], 19.2)])
-def test_a_receiver_that_sticks_near_the_end_has_found_nothing_it_cannot_know(
-    seed: int, victim: str, since: float
-) -> None:
+def test_a_receiver_that_sticks_near_the_end_has_found_nothing_it_cannot_know() -> None:
     """The vehicle goes on for a metre or two: too little to be called stuck, enough to be that far off."""
-    flight = Flight("estimate", f"faults: [{{stuck: true, from_s: {since}}}]", victim=victim, seed=seed)
-    if flight.outcome.kind == "found":
-        assert flight.off < 1.0
-    else:
-        assert (flight.outcome.kind, in_words(flight.outcome.how)) == REPEATS
+    victim = "{id: 1, ned: [-8.189, 10.766, 1.79], attitude: {roll: -51.283, pitch: 26.181, yaw: 134.321}}"
+    flight = Flight("estimate", "faults: [{stuck: true, from_s: 18}]", victim=victim, seed=4)  # it would end after 21 s
+    assert (flight.outcome.kind, in_words(flight.outcome.how)) == REPEATS
 
 
 def test_a_receiver_that_sticks_is_said_and_landed_on() -> None:
@@ -223,46 +167,32 @@ def test_a_receiver_that_sticks_is_said_and_landed_on() -> None:
     assert "same readings" in [event.reason for event in flight.events if isinstance(event, SearchPaused)]
 
 
-def test_readings_that_come_late_end_not_sure() -> None:
-    flight = Flight("flux", "faults: [{delay_s: 5}]", victim="{id: 1, ned: [8, 8, 0]}")
-    assert (flight.outcome.kind, in_words(flight.outcome.how)) == ("not sure", NOT_SURE)
-    assert flight.off > 2.5
+@pytest.mark.parametrize(("back_s", "kind"), [(26, "found"), (28, "not sure")])
+def test_a_place_that_a_transmitter_has_left_while_the_vehicle_comes_down_is_no_find(back_s: int, kind: str) -> None:
+    """It goes back by 3 m in the search or just after it: to where it then lies, or nothing is called found."""
+    flight = Flight("estimate", f"faults: [{{transmitter_moved: 1, by_ned: [1.2, -2.9, 0], until_s: {back_s}}}]")
+    assert flight.outcome.kind == kind
+    assert flight.off < 0.1 if kind == "found" else in_words(flight.outcome.how) == NOT_SURE
 
 
-# -- Searches while something of configs/faults.yaml goes wrong: what is called found lies there ----------
-
-
-@pytest.mark.parametrize(
-    ("strategy", "seed"),
-    [
-        ("estimate", 317),  # it goes back by 3 m while the vehicle is above the place: told 3.9 m off before
-        ("flux", 205),  # it moves by 10 m, and readings are a second late: 11 m
-    ],
-)
-def test_no_find_is_false(strategy: str, seed: int) -> None:
-    assert flown(strategy, seed, most=3).kind != "false"
-
-
-@pytest.mark.parametrize("ghosts", [0.02, 0.6])
-def test_where_nobody_sends_a_loud_drone_receives_no_signal(ghosts: float) -> None:
+def test_where_nobody_sends_a_loud_drone_receives_no_signal() -> None:
     """All readings are noise of the antennas, and ghost signals."""
-    faults = f"faults: [interference: 100, impulses: {ghosts}]"
-    flight = Flight("estimate", faults, victim="{id: 1, ned: [2000, 0, 0]}", area=(-10, -10, 10, 10))
+    faults = "faults: [interference: 100, impulses: 0.02]"
+    flight = Flight("estimate", faults, victim="{id: 1, ned: [2000, 0, 0]}", area=(-6, -6, 6, 6))
     assert flight.outcome.others
     assert in_words(flight.outcome.how).startswith("no signal agrees with a place: all strips are flown")
     assert flight.outcome.time_s < 200.0
 
 
 def test_a_dead_antenna_is_noticed_and_the_transmitter_found() -> None:
-    one = flown("estimate", 126, most=3)
-    assert "antenna_y=0" in one.faults
-    assert one.kind == "found"
-    assert one.error_m < 0.5
+    victim = "{id: 1, ned: [4, 2, 0.5], attitude: {pitch: 50, yaw: 100}}"
+    flight = Flight("estimate", "faults: [antenna_y: 0]", victim=victim, limit_s=50.0)
+    assert flight.outcome.kind == "found"
+    assert flight.off < 0.1
 
 
-@pytest.mark.parametrize("seed", [95033, 95048, 95199])
-def test_one_antenna_alone_confirms_a_place_that_is_right(seed: int) -> None:
-    one = worlds.fly("rssi", seed)
+def test_one_antenna_alone_confirms_a_place_that_is_right() -> None:
+    one = worlds.fly("rssi", 95048)
     assert one.relative < 0.02
     assert one.outcome == FOUND
 
@@ -295,9 +225,10 @@ class Thinker(Estimate):
 def test_a_flight_tells_its_take_off_point_its_frames_its_beliefs_and_the_place() -> None:
     watcher, clock = Watcher(), StepClock()
     loop = ClosedLoop(
-        DEFAULT,
+        parse(f"spec: 1\ntransmitters: [{BURIED}]", "flight"),
         SearchPlan(Estimate),
         start=clock.now(),
+        stream_hz=10.0,
         observers=[watcher],
     )
     run(loop.tasks, clock, until=300.0, stopped=lambda: loop.drones[0].search.outcome is not None)
@@ -312,7 +243,7 @@ def test_a_flight_tells_its_take_off_point_its_frames_its_beliefs_and_the_place(
     assert len(beliefs[0].hypotheses) > 1
     assert all(belief.goal is not None for belief in beliefs)
     (found,) = (event for event in watcher.told if isinstance(event, PlaceFound))
-    assert math.dist((found.north_m, found.east_m), (20.0, 5.0)) < 1.0
+    assert math.dist((found.north_m, found.east_m), (6.0, 4.0)) < 0.2
     assert found.sure
     assert found.covariance is not None
 
@@ -363,33 +294,23 @@ def test_frames_are_told_ten_times_a_second_with_the_place_of_the_receiver() -> 
 
 
 @pytest.mark.parametrize(
-    ("kind", "size", "from_s"),
+    ("lie", "sensors_"),
     [
-        ("offset", 5.0, 0.0),
-        ("limit", 0.0, 15.0),
-        ("offset", 2.0, 15.0),
-        ("affine", 0.0, 0.0),
-        ("factor", 2.0, 15.0),
+        (sensors.Lie("rangefinder", "limit", 0.0, 8.0), SENSORS),
+        (sensors.Lie("rangefinder", "factor", 2.0, 8.0), SENSORS),
+        (sensors.Lie("altitude", "reset", 5.0, 8.0), sensors.BAROMETER),
     ],
 )
-def test_a_rangefinder_that_reads_too_high_lands_nothing(kind: str, size: float, from_s: float) -> None:
-    report = sensors.Flight(sensors.Lie("rangefinder", kind, size, from_s), limit_s=30.0).report()
+def test_a_sensor_that_reads_too_high_lands_nothing(lie: sensors.Lie, sensors_: int) -> None:
+    report = sensors.Flight(lie, strategy="flux", sensors=sensors_, limit_s=10.0).report()
     assert not report.fault
     assert report.lowest > 2.0
-    assert kind == "limit" or [e.sensor for e in report.disagreements] == ["rangefinder"]
+    assert [event.sensor for event in report.disagreements] == [lie.sensor] * (lie.kind != "limit")
+    for event in report.disagreements:  # the altitude's reference moves with it
+        assert lie.kind != "reset" or event.value_m - event.other_m == pytest.approx(5.0, abs=0.3)
 
 
-def test_the_height_reference_moves_with_an_altitude_that_jumps() -> None:
-    report = sensors.Flight(
-        sensors.Lie("altitude", "reset", 5.0, 15.0), sensors=sensors.BAROMETER, limit_s=30.0
-    ).report()
-    assert not report.fault
-    assert report.lowest > 2.0
-    (event,) = report.disagreements
-    assert (event.sensor, event.value_m - event.other_m) == ("altitude", pytest.approx(5.0, abs=0.3))
-
-
-@pytest.mark.parametrize(("m_s", "from_s"), [(0.02, 10.0), (0.05, 10.0), (0.2, 0.0)])
+@pytest.mark.parametrize(("m_s", "from_s"), [(0.05, 10.0), (0.2, 0.0)])
 def test_a_rangefinder_that_drifts_is_found_by_hovering_and_ends_the_search(m_s: float, from_s: float) -> None:
     lie = sensors.Lie("rangefinder", "drift", m_s, from_s)
     report = sensors.Flight(lie, strategy="flux", limit_s=150.0).report()
@@ -399,7 +320,7 @@ def test_a_rangefinder_that_drifts_is_found_by_hovering_and_ends_the_search(m_s:
 
 
 def test_falling_ground_is_no_drift() -> None:
-    flight = sensors.Flight(ground=lambda north, east: max(-2.0, -0.1 * (north + east)), limit_s=60.0)
+    flight = sensors.Flight(ground=lambda north, east: max(-2.0, -0.1 * (north + east)), strategy="flux", limit_s=25.0)
     report = flight.report()
     assert not report.fault
     assert not report.disagreements
@@ -414,8 +335,12 @@ def test_the_program_prints_what_fails(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_an_end_names_both_values_and_the_vehicle_is_disarmed() -> None:
-    flight = sensors.Flight(sensors.Lie("rangefinder", "offset", 5.0, 0.0), sensors=SENSORS, limit_s=60.0)
-    assert flight.report().how.startswith("the rangefinder says 7.")
+    flight = sensors.Flight(sensors.Lie("rangefinder", "offset", 5.0, 0.0), strategy="flux", limit_s=60.0)
+    report = flight.report()
+    assert not report.fault
+    assert report.lowest > 2.0
+    assert [event.sensor for event in report.disagreements] == ["rangefinder"]
+    assert report.how.startswith("the rangefinder says 7.")
     assert flight.loop.drones[0].vehicle.state == "LAND, disarmed, on the ground"
 
 
@@ -428,9 +353,6 @@ PLACES = pytest.mark.parametrize(
     "home",
     [
         pytest.param((-16.5, 179.99998, 10.0), id="west of the date line"),
-        pytest.param((65.2, -179.99999, 5.0), id="east of the date line"),
-        pytest.param((70.0, 25.8, 300.0), id="70° north"),
-        pytest.param((89.9, -30.0, 5.0), id="near the north pole"),
         pytest.param((-89.9, 120.0, 2800.0), id="near the south pole"),
         pytest.param((-22.9, -67.8, 4300.0), id="4,300 m"),
     ],
@@ -449,13 +371,11 @@ def test_a_transmitter_is_found_and_its_place_on_earth_said(home: Place) -> None
     assert math.dist(world.ned[:2], VICTIM) < 0.6
 
 
-@pytest.mark.parametrize("home", [(65.2, -179.99999, 5.0), (-89.9, 120.0, 2800.0)])
+@pytest.mark.parametrize("home", [(-16.5, 179.99998, 10.0), (-89.9, 120.0, 2800.0)])
 def test_the_emulator_and_a_search_agree_there(monkeypatch: pytest.MonkeyPatch, home: Place) -> None:
     monkeypatch.setattr(closed_loop, "HOME", home)
     scenario = parse("spec: 1\ntransmitters: [{id: 1, ned: [5, 3, 0.5]}]", "test")
-    plan, clock = SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20)), StepClock()
+    plan, clock = SearchPlan(STRATEGIES["estimate"], area=(-20, -20, 20, 20)), StepClock()
     loop = ClosedLoop(scenario, plan, start=0.0, stream_hz=10.0)
-    run(loop.tasks, clock, until=300.0, stopped=lambda: loop.drones[0].search.outcome is not None)
-    assert loop.drones[0].search.outcome.kind == "found"
-    error = loop.drones[0].error()
-    assert error < 1.0
+    run(loop.tasks, clock, until=60.0, stopped=lambda: loop.drones[0].decided)
+    assert loop.drones[0].error() < 0.1
