@@ -6,7 +6,7 @@ import itertools
 import math
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -25,13 +25,15 @@ from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.config.campaign import Random
 from arva_hil.events import Event
-from arva_hil.events.searches import FromSearch, SearchPaused, TransmitterMoves
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.searches import FromSearch, SearchPaused
 from arva_hil.events.words.reasons import in_words
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.accuracy import Accuracy, PositionAccuracy
+from arva_hil.search.mission.outcome import Outcome
 from arva_hil.search.strategies import dipole, estimate
 from arva_hil.search.strategies.agreement import Evidence, beginning
 from arva_hil.search.strategies.analysis import TransmitterReadings
@@ -50,13 +52,13 @@ from arva_hil.search.strategies.drift import (
 from arva_hil.search.strategies.estimate import Estimate, Hypotheses
 from arva_hil.search.strategies.extremum import Extremum
 from arva_hil.search.strategies.flux import Flux
-from arva_hil.search.strategies.history import NOTHING, Cause, Explanation
+from arva_hil.search.strategies.history import NOTHING, Cause, Explanation, Track
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity, sigma_of
 from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from firmware_proto import Decoder, encode
 from tests.every import every
-from tests.search.world import PAPER, buried, fly, fly_to_buried
+from tests.search.world import PAPER, fly, fly_to_buried
 
 
 def frame(time_s: float, d_cm: int, delta_deg: int = 0, north: float = 0.0, east: float = 0.0) -> Observation:
@@ -77,13 +79,16 @@ def test_however_it_lies_buried_and_however_strong_it_is(seed: int, strength: fl
     assert flight.time_s < 90
 
 
-def test_with_a_position_that_is_not_known_well() -> None:
-    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.15, seed=3)
-    assert flight.error_m < 1
+def test_with_an_uncertain_position_it_reports_a_place_from_a_reading_beside_it() -> None:
+    flight = fly(Estimate(1.0), PAPER[1], gps_m=0.1, seed=2)
+    assert flight.error_m < 0.5
     nn, ne, ee = flight.found.covariance
     assert 0 < nn < 0.09
     assert 0 < ee < 0.09
     assert nn * ee > ne * ne
+    newest = flight.heard[-1].position
+    assert math.dist(newest[:2], flight.found.goal) < RADIUS_M + 0.5
+    assert flight.found.now != flight.found[:2]
 
 
 class Late(Estimate):
@@ -99,27 +104,17 @@ class Late(Estimate):
         super().observe(observation._replace(d_cm=then.d_cm, delta_deg=then.delta_deg, inner=then.inner))
 
 
-@pytest.mark.parametrize(("late_s", "seed"), [(2, 0), (5, 1)])
-def test_readings_that_are_late_are_put_where_they_were_made(late_s: int, seed: int) -> None:
-    flight = fly_to_buried(seed, Late(1.0, late_s), height_m=3.0, seed=seed)
-    assert flight.error_m < 1
+def test_readings_that_are_late_are_put_where_they_were_made() -> None:
+    flight = fly_to_buried(0, Late(1.0, 2), height_m=3.0, seed=0)
+    assert flight.error_m < 0.5
 
 
-@pytest.mark.parametrize(("receiver", "seed"), [({}, 179), ({"model": "pulsed", "keying": "modern"}, 173)])
-def test_a_position_that_drifts_is_averaged_above_the_transmitter(receiver: dict[str, str], seed: int) -> None:
-    """The first drift is hard to tell: after one circle it is as likely that there is none."""
-    scenario = replace(draw(Random(50.0, (0.0, 2.0), **receiver), seed), seed=seed)
+def test_a_position_that_drifts_is_averaged_above_the_transmitter() -> None:
+    scenario = replace(draw(Random(15.0, (0.0, 2.0)), 180), seed=180)
     result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
     assert result.outcome == "found"
     assert result.error_m < 2.0
     assert result.relative_m < 2 * result.relative_sigma_m < 1.0
-
-
-def test_it_reports_a_place_from_a_reading_beside_it() -> None:
-    flight = fly_to_buried(3, Estimate(1.0), gps_m=0.1, seed=3)
-    newest = flight.heard[-1].position
-    assert math.dist(newest[:2], flight.found.goal) < RADIUS_M + 0.5
-    assert flight.found.now != flight.found[:2]
 
 
 @pytest.mark.parametrize(("sigmas_m", "late"), [((0.1, 0.1), False), ((0.1, 1.0), True)])
@@ -133,7 +128,7 @@ def test_one_certain_reading_among_uncertain_ones_reports_no_place(
         return place_now(*arguments)._replace(covariance=(variance, 0.0, variance))
 
     monkeypatch.setattr(estimate, "place_now", scripted)
-    flight = fly_to_buried(3, Estimate(1.0), seed=3)
+    flight = fly(Estimate(1.0), PAPER[1], rate_hz=0.2)
     assert (flight.time_s > 200) == late
     assert flight.error_m < 0.3
 
@@ -157,17 +152,25 @@ def test_a_place_is_not_certain_under_the_largest_drift_or_if_places_wander_with
 
 
 def test_a_position_that_wanders_within_seconds_is_searched_by_its_mean() -> None:
-    flight = fly_to_buried(5, Estimate(1.0), gps_m=1.0, seed=5, rate_hz=0.3)
+    flight = fly(Estimate(1.0), PAPER[1], gps_m=1.0, rate_hz=0.2)
     assert flight.error_m < 1.5
     assert (sigma_of(flight.found.now_covariance) or 0.0) > 0.5
 
 
-def test_readings_of_another_transmitter_with_its_id_do_not_lead_astray() -> None:
-    transmitter, start = buried(2)
-    r = random.Random(2)
-    flight = fly(
-        Estimate(1.0), transmitter, "{id: 2, enu: [15, -10, 0]}", start=start, wrong=lambda _: r.random() < 0.2
-    )
+class Deaf(Estimate):
+    """Every fourth frame is blank."""
+
+    count = 0
+
+    def observe(self, observation: Observation) -> None:
+        self.count += 1
+        blank = self.count % 4 == 0
+        super().observe(observation._replace(d_cm=-1, delta_deg=-1, inner=False) if blank else observation)
+
+
+def test_blanks_and_readings_of_another_transmitter_with_its_id_do_not_lead_astray() -> None:
+    r = random.Random(0)
+    flight = fly(Deaf(1.0), PAPER[1], "{id: 2, enu: [15, -10, 0]}", wrong=lambda _: r.random() < 0.2)
     assert flight.error_m < 0.3
 
 
@@ -210,43 +213,17 @@ def test_goes_to_what_it_has_found_and_stays_with_it() -> None:
     assert seeker.velocity(1e3, (found.north + 5, found.east, -1.0)) == pytest.approx((-1.0, 0.0), abs=0.1)
 
 
-def test_a_position_that_is_not_a_number_is_passed_over() -> None:
-    seeker, clean = Estimate(1.0), Estimate(1.0)
-    for k in range(4):
-        for each in (seeker, clean):
-            each.observe(frame(k, 2500 - 90 * k, 20, north=k))
-        seeker.observe(frame(k + 0.5, 2500, 20, north=math.nan))
-    assert seeker.velocity(4.0, (3.0, 0.0, -1.0)) == clean.velocity(4.0, (3.0, 0.0, -1.0))
-
-
 NONSENSE = st.tuples(st.integers(-1, 65535), st.integers(-90, 90), st.floats(-100, 100), st.floats(-100, 100))
 
 
-@settings(max_examples=15)
-@given(st.lists(NONSENSE, min_size=1, max_size=25), st.floats(0.2, 10))
+@settings(max_examples=8)
+@given(st.lists(NONSENSE, min_size=1, max_size=15), st.floats(0.2, 10))
 def test_nonsense_is_survived(said: list[tuple[int, int, float, float]], speed: float) -> None:
     seeker = Estimate(speed)
     for k, (d_cm, delta_deg, north, east) in enumerate(said):
         seeker.observe(frame(3.0 * k, d_cm, delta_deg, north, east))
         velocity = seeker.velocity(3.0 * k, (north, east, -1.0))
         assert math.hypot(*velocity) <= speed * (1 + 1e-9)
-
-
-def test_blanks_and_outliers_are_survived() -> None:
-    class Deaf(Estimate):
-        """Every fourth frame is blank, every ninth is another transmitter's."""
-
-        n = 0
-
-        def observe(self, observation: Observation) -> None:
-            self.n += 1
-            if self.n % 9 == 0:
-                observation = observation._replace(d_cm=1234, delta_deg=-70, inner=False)
-            elif self.n % 4 == 0:
-                observation = observation._replace(d_cm=-1, delta_deg=-1, inner=False)
-            super().observe(observation)
-
-    assert fly_to_buried(0, Deaf(1.0), seed=0).error_m < 1
 
 
 # -- A drift of the places reported is followed, here by readings made by hand ----------------------------
@@ -298,7 +275,7 @@ def readings_on(
     return readings
 
 
-@pytest.mark.parametrize("seed", [0, 4, 13, 14])
+@pytest.mark.parametrize("seed", [0, 13])
 def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
     """The field is the same on both sides of a transmitter: a fit that begins anew finds the other side at times."""
     readings, drift = dipole.DipoleReadings(), walk(seed, 2.0, 50)
@@ -341,7 +318,7 @@ def test_no_place_is_known_better_than_to_3_5_mm() -> None:
     assert sigma_of(now(readings, PLACE).covariance) == pytest.approx(0.0035, rel=0.05)
 
 
-@pytest.mark.parametrize(("y_gain", "power"), [(0.75, 1.0), (1.2, 1.0), (1.0, 0.92), (1.0, 1.08)])
+@pytest.mark.parametrize(("y_gain", "power"), [(0.75, 1.0), (1.0, 1.08)])
 def test_the_place_is_right_though_antennas_are_unequal_or_d_has_another_law(
     y_gain: float, power: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -357,7 +334,7 @@ def test_the_place_is_right_though_antennas_are_unequal_or_d_has_another_law(
     assert math.dist(place, PLACE[:2]) < 2 * (sigma_of(covariance) or 0.0) < 0.4
 
 
-@pytest.mark.parametrize("towards_deg", [0, 45, 90, 135, 180, 225, 270, 315])
+@pytest.mark.parametrize("towards_deg", [0, 135, 270])
 def test_the_place_is_right_though_the_receiver_leans_by_two_degrees(towards_deg: int) -> None:
     leaning = Rotation.from_rotvec(2 * np.array([*circle(math.radians(towards_deg) / 0.8), 0.0]) / 1.5, degrees=True)
     readings = dipole.DipoleReadings()
@@ -409,14 +386,9 @@ def test_readings_that_are_late_by_a_part_of_a_frame_do_not_move_the_place(monke
     assert math.dist(place, PLACE[:2]) < 2 * (sigma_of(covariance) or 0.0) < 0.4
 
 
-@pytest.mark.parametrize(
-    ("sigma_m", "tau_s", "most_m"), [(0.0, 600, 0.1), (1.0, 600, 0.3), (2.0, 600, 0.6), (1.0, 20, 1.4), (1.0, 5, 2.2)]
-)
-def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed(
-    sigma_m: float, tau_s: float, most_m: float
-) -> None:
-    rng, shares = np.random.default_rng(1), list[float]()
-    for _ in range(8):
+def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed() -> None:
+    rng, shares = np.random.default_rng(3), list[float]()
+    for sigma_m, tau_s, most_m in ((0.0, 600, 0.1), *((2.0, 600, 0.6), (1.0, 20, 1.4), (1.0, 5, 2.2)) * 3):
         drift = slow(rng, sigma_m, tau_s, 24)
         readings = readings_on(lambda k: ((8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k)), drift)
         place, covariance, *_ = now(readings, PLACE + drift.mean(axis=0))
@@ -440,7 +412,7 @@ def test_a_place_whose_readings_no_size_of_errors_explains_is_told_to_a_metre_at
     assert (sigma_of(dipoles.now(Found(0.0, 0.0), 60.0).now_covariance) or 0.0) > 1.0
 
 
-@pytest.mark.parametrize(("seed", "off"), [(4, (4, 0, 0)), (5, (0, 4, 0)), (10, (4, 0, 0)), (11, (0, 4, 0))])
+@pytest.mark.parametrize(("seed", "off"), [(4, (4, 0, 0)), (11, (0, 4, 0))])
 def test_a_fit_that_has_followed_a_wrong_drift_does_not_keep_the_place(seed: int, off: tuple[int, int, int]) -> None:
     drift = walk(seed, 2.0, 40)
     readings = readings_on(lambda k: (1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k)), drift)
@@ -686,13 +658,6 @@ def test_values_shown_again_on_the_way_are_no_reading() -> None:
     assert all(evidence.add(frame(10.0 + k, -1, -1, north=7.0 + k)) for k in range(3))
 
 
-def test_a_receiver_that_shows_strengths_alone_until_the_next_pulse_leads_to_the_place() -> None:
-    scenario = replace(draw(Random(50.0, (0.0, 2.0), model="rssi", keying="modern"), 14138), seed=14138)
-    result = trial.fly(trial.Trial("estimate", scenario))
-    assert result.outcome == "found"
-    assert result.error_m < 0.1
-
-
 # What was read before the transmitter moved, and while an antenna was dead, does not spoil the place that is told
 
 
@@ -789,7 +754,7 @@ def doubled(link: Link) -> Link:
 @pytest.mark.parametrize(("rate_hz", "pauses"), [(0.2, True), (50.0, False)])
 def test_a_transmitter_is_found_with_a_receiver_of_any_rate(rate_hz: float, pauses: bool) -> None:
     scenario = parse(
-        f"spec: 1\ntransmitters: [{{id: 1, enu: [6, 8, -1]}}]\nreceiver: {{rate_hz: {min(rate_hz, 50.0)}}}", "field"
+        f"spec: 1\ntransmitters: [{{id: 1, enu: [4, 3, -1]}}]\nreceiver: {{rate_hz: {min(rate_hz, 50.0)}}}", "field"
     )
     taken, given = memory.pair()
     wires = in_memory()._replace(port=(taken, doubled(given) if rate_hz > 50.0 else given))
@@ -803,48 +768,32 @@ def test_a_transmitter_is_found_with_a_receiver_of_any_rate(rate_hz: float, paus
     assert outcome.frames >= 0.8 * rate_hz * outcome.time_s
 
 
-# A transmitter that moves, as that of a rescuer, is said to move and put aside; the buried one is found
+# A transmitter that moves, as that of a rescuer, has a track; what a search then makes of it: test_mission.py
 
 
-WORLD = """spec: 2
-transmitters:
-  - {id: 1, enu: [-24, -18, -1]}
-  - id: 2
-    path:
-      frame: enu
-      end: loop
-      points: [[0, 8, 4, 1], [30, 10, 30, 1], [65, -24, 25, 1], [100, 5, 5, 1], [150, 30, 30, 1]]
-"""
+def tracks(place: Callable[[int], tuple[float, float]], drift_m: float) -> Iterator[Track]:
+    """Those after each reading on a circle. The transmitter is at `place(k)` at reading k; the places told drift."""
+    strategy = Estimate(1.0)
+    for k in range(60):
+        at = np.array([15 * math.cos(0.1 * k), 15 * math.sin(0.1 * k), -3.0])
+        d_m, delta = heard(at - [*place(k), 0.0])
+        north, east, down = (at + drift_m * np.array([math.sin(0.02 * k), math.cos(0.03 * k), 0.0])).tolist()
+        o = Observation(1.5 * k, (north, east, down), np.eye(3), round(100 * d_m), round(math.degrees(delta)), False)
+        strategy.observe(o)
+        yield strategy.track
 
 
-def test_the_one_who_walks_is_put_aside_and_the_buried_one_is_found() -> None:
-    told, clock = list[Event](), StepClock()
-    plan = SearchPlan(STRATEGIES["estimate"], limit_s=300.0)
-    loop = ClosedLoop(
-        parse(WORLD, "world"), plan, start=clock.now(), stream_hz=10.0, emit=lambda _, event: told.append(event)
-    )
-    (drone,) = loop.drones
-    run(loop.tasks, clock, until=500.0, stopped=lambda: drone.search.outcome is not None)
-    outcome = drone.search.outcome
-    assert (outcome.kind, outcome.id) == ("found", 1)
-    assert math.dist(outcome.found[:2], (-18, -24)) < 0.5
-    (moves,) = (event for event in told if isinstance(event, TransmitterMoves))
-    assert moves.transmitter == 2
-    assert 0.2 < moves.speed_m_s < 3.0
-    assert [one["id"] for one in as_dict(outcome)["moving"]] == [2]
-    assert len(as_dict(outcome)["moving"][0]["track"]) > 4
-    assert any(line.startswith("transmitter 2 moves, at about ") for line in result(outcome))
+def test_a_transmitter_that_moves_has_a_track_and_the_report_tells_of_it() -> None:
+    track = next(filter(None, tracks(lambda k: (8 * math.sin(0.1 * k), 8 * math.cos(0.17 * k)), 0.0)))
+    assert len(track) > 4
+    outcome = Outcome("found", (because(Why.FOUND),), 1, Found(1.0, 2.0), moving=((2, track),))
+    assert as_dict(outcome)["moving"] == [{"id": 2, "track": track}]
+    (line,) = (line for line in result(outcome) if line.startswith("transmitter 2 moves, at about "))
+    assert 0.2 < float(line.split()[5]) < 3.0
 
 
 def test_a_transmitter_that_stands_still_has_no_track_though_places_drift() -> None:
-    strategy = Estimate(1.0)
-    for k in range(120):
-        at = np.array([15 * math.cos(0.1 * k), 15 * math.sin(0.1 * k), -3.0])
-        d_m, delta = heard(at)
-        drift = 2.0 * np.array([math.sin(0.02 * k), math.cos(0.03 * k), 0.0])
-        place = tuple((at + drift).tolist())
-        strategy.observe(Observation(1.5 * k, place, np.eye(3), round(100 * d_m), round(math.degrees(delta)), False))
-        assert strategy.track == ()
+    assert not any(tracks(lambda k: (0.0, 0.0), 2.0))
 
 
 # -- Every strategy in closed loop with the project's receiver --------------------------------------------
@@ -863,15 +812,13 @@ def test_the_cases_of_the_paper(make: Maker, within_m: float, within_s: float, s
     assert flight.time_s < within_s
 
 
-@pytest.mark.parametrize(
-    ("transmitter", "rate_hz"), [(PAPER[0], 0.5), (PAPER[1], 5), (PAPER[2], 0.5), (PAPER[3], 5), (PAPER[3], 50)]
-)
+@pytest.mark.parametrize(("transmitter", "rate_hz"), [(PAPER[0], 0.5), (PAPER[1], 5), (PAPER[3], 50)])
 @pytest.mark.parametrize("make", [Extremum, Flux])
 def test_with_a_position_that_is_not_known_well_and_at_any_rate(make: Maker, transmitter: str, rate_hz: float) -> None:
     assert fly(make(1.0), transmitter, gps_m=0.3, rate_hz=rate_hz, seed=1).error_m < 2
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("make", "speed", "within_m"), [(Extremum, 2.0, 2), (Flux, 3.0, 1.5)])
 def test_however_it_lies_buried(make: Maker, speed: float, within_m: float, seed: int) -> None:
     flight = fly_to_buried(seed, make(speed), seed=seed)
@@ -901,17 +848,17 @@ class SetBack:
 
 @pytest.mark.parametrize(("make", "within_m"), [(Estimate, 0.3), (Extremum, 1), (Flux, 1)])
 def test_a_clock_that_is_set_back_ends_no_search(make: Maker, within_m: float) -> None:
-    for seed, transmitter in enumerate(PAPER):
-        assert fly(SetBack(make(1.0)), transmitter, height_m=1 + 0.2 * seed, seed=seed).error_m < within_m
+    for seed in (0, 2):
+        assert fly(SetBack(make(1.0)), PAPER[seed], height_m=1 + 0.2 * seed, seed=seed).error_m < within_m
 
 
-@pytest.mark.parametrize("position", [(math.nan, 0.0, -1.0), (0.0, -math.inf, -1.0), (0.0, 0.0, 1e200)])
 @pytest.mark.parametrize("make", ALL)
-def test_a_reading_without_a_place_is_passed_over(make: Maker, position: Position) -> None:
+def test_a_reading_without_a_place_is_passed_over(make: Maker) -> None:
     seeker, clean = make(1.0), make(1.0)
-    for k in range(40):
+    for k in range(24):
         each = frame(k, 2500 - 40 * k, 20, north=k)
-        seeker.observe(each._replace(position=position))
+        for position in ((math.nan, 0.0, -1.0), (0.0, -math.inf, -1.0), (0.0, 0.0, 1e200)):
+            seeker.observe(each._replace(position=position))
         seeker.observe(each._replace(rotation=np.full((3, 3), math.nan)))
         seeker.observe(each)
         clean.observe(each)
@@ -920,7 +867,7 @@ def test_a_reading_without_a_place_is_passed_over(make: Maker, position: Positio
 
 @pytest.mark.parametrize("make", ALL)
 def test_the_same_flight_again(make: Maker) -> None:
-    a, b = (fly(make(1.0), PAPER[3], gps_m=0.1, seed=7) for _ in range(2))
+    a, b = (fly(make(1.0), PAPER[1], gps_m=0.1, seed=1) for _ in range(2))
     assert (a.found, a.time_s) == (b.found, b.time_s)
 
 
