@@ -589,12 +589,17 @@ class Field:
         drone.commands.read = tapped  # type: ignore[method-assign]
 
 
-def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> None:
-    field = Field("flux")
+@pytest.fixture(scope="module")
+def field() -> Field:
+    return Field("estimate", pilot_of=1, pilot_s=20.0)
+
+
+def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart(field: Field) -> None:
     missions = [drone.search.mission for drone in field.loop.drones]
     ids = [mission.choice.target for mission in missions if mission and mission.found is not None]
     assert sorted(ids, key=str) == [1, 2]
-    assert all(error is None or error < 1.5 for error in (drone.error() for drone in field.loop.drones))
+    assert field.loop.found == {1, 2}
+    assert all(error is None or error < 0.5 for error in (drone.error() for drone in field.loop.drones))
     assert field.gap_m > 2.5
     assert not field.early
     for drone in field.loop.drones:  # nobody commands another's
@@ -602,8 +607,7 @@ def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> No
         assert {message.target_system for message in orders} == {drone.vehicle.system}  # type: ignore[attr-defined]
 
 
-def test_the_pilot_of_one_drone_takes_over_that_one_and_no_other() -> None:
-    field = Field("estimate", pilot_of=1, pilot_s=20.0)
+def test_the_pilot_of_one_drone_takes_over_that_one_and_no_other(field: Field) -> None:
     drones = field.loop.drones
     mine = drones[1].search.outcome
     assert "LOITER" in in_words(mine.how)
@@ -616,7 +620,6 @@ def test_the_pilot_of_one_drone_takes_over_that_one_and_no_other() -> None:
     assert not moves
     for other in (drones[0], drones[2]):
         assert other.search.outcome.kind in ("found", "not found")
-    assert field.loop.found == {1, 2}
 
 
 # A member of a team whose news are wrong: the others end in time, say what is so, and fly to nobody's place
@@ -647,10 +650,6 @@ def everywhere(now: float, place: Place) -> News:
 
 
 LIES: dict[str, Lie] = {
-    "everything found": lambda now, _: News(2, now, at(5, 5, 0), False, found=tuple(range(16)), flown=(0, 1, 2)),
-    "below": lambda now, place: News(2, now, beside(place, 0.5, 0, 1), False),
-    "above": lambda now, place: News(2, now, beside(place, 0.5, 0, -2), True),
-    "behind": lambda now, place: News(2, now, beside(place, 0, -4, 0), True, 9, hunting_m=0.0),
     "lost over it": lambda now, place: News(2, now, beside(place, 0.5, 0, 0), True, lost=True),
     "everywhere": everywhere,
 }
@@ -711,6 +710,7 @@ def test_beside_a_liar_two_searches_end_and_keep_off_the_ground_and_each_other(
         assert drone.vehicle.flying == hovers, in_words(outcome.how)
     assert lied.gap_m > 2.5
     assert lied.lowest > 0.5
+    assert (lied.outside_m > 5.0) == (lie == "lost over it")  # it is driven off
     assert lied.outside_m < 25.0
 
 
