@@ -86,7 +86,6 @@ SLOW: Final = {
     "firmware_proto/test_lua_search.py": FLIGHTS,
     "firmware_proto/test_px4_module.py": COMPILES,
     "firmware_proto/test_stm32.py": PROCESS,
-    "firmware_proto/test_wire_measured.py::test_a_decoder_of_version_1_has_the_frames_and_no_complaint": EXAMPLES,
     "firmware_proto/test_wire_measured.py::test_an_answer_between_two_frames_changes_neither": EXAMPLES,
     "firmware_proto/test_wire_measured.py::test_what_is_sent_comes_out_cut_anywhere": EXAMPLES,
     "firmware_proto/test_wire_protocol.py::test_any_stream_is_decoded_as_the_rules_read": EXAMPLES,

@@ -361,13 +361,12 @@ def test_the_nearer_victim_is_found_the_other_reported_and_the_vehicle_landed(ma
 def test_it_can_be_left_hovering_at_the_end(make: Callable[[], Any]) -> None:
     world = World(make(), {"land": False})
     assert world.end() == ("found", "found")
-    world.stay_silent(20, since=world.clock.now() + 0.01)
+    world.stay_silent(8, since=world.clock.now() + 0.01)
     assert world.armed
     assert world.ned == pytest.approx((*VICTIM, -1.0), abs=0.6)
 
 
-@BOTH
-@pytest.mark.parametrize("options", [{"wind": (-3.0, 4.0, 0.0)}, {"fix_after": 45.0}], ids=["wind", "late fix"])
+@pytest.mark.parametrize(("make", "options"), [(px4, {"wind": (-3.0, 4.0, 0.0)}), (ardupilot, {"fix_after": 20.0})])
 def test_these_change_nothing(make: Callable[..., Any], options: dict[str, Any]) -> None:
     world = World(make(**options))
     assert world.end() == ("found", "found")
@@ -472,19 +471,19 @@ ARMED_ALREADY = "the vehicle is armed already: a search starts on the ground, or
             garbled,
             "no link",
             of_frames(r"bytes came that are none, first b'$PARVA,1*$PARVA,': is the format right"),
-            60,
+            20,
             A_FRAME,
         ),
-        ({"fix_after": 5.0}, soon_silent, "no link", of_frames("the last one came 57 s"), 60, A_FRAME),
-        (ardupilot, deaf, "no link", "no autopilot:", 60, "an autopilot"),
+        ({"fix_after": 5.0}, soon_silent, "no link", of_frames("the last one came 17 s"), 20, A_FRAME),
+        (ardupilot, deaf, "no link", "no autopilot:", 20, "an autopilot"),
         (ardupilot, unplugged, "no link", "memory:a: lost: closed by the far end", 0, ""),
-        (NO_FIX, unchanged, "failed", "no pose: the position is all zeros: no GPS fix yet", 60, "a pose"),
+        (NO_FIX, unchanged, "failed", "no pose: the position is all zeros: no GPS fix yet", 20, "a pose"),
         (armed_already, unchanged, "failed", ARMED_ALREADY, QUIET_S, ""),
         (ardupilot, winged, "failed", "ardupilotmega fixed_wing 1/1 is not a multirotor", 0, ""),
     ],
 )
 def test_nothing_is_armed(vehicle: Any, change: Any, kind: str, why: str, after_s: float, waits_for: str) -> None:
-    world = World(ardupilot(**vehicle) if isinstance(vehicle, dict) else vehicle())
+    world = World(ardupilot(**vehicle) if isinstance(vehicle, dict) else vehicle(), {"timeout_s": max(after_s, 20.0)})
     change(world)
     ended, how = world.end()
     assert ended == kind
@@ -721,7 +720,7 @@ def test_a_pilot_who_takes_over_hears_no_more_of_it(make: Callable[[], Any], mod
     assert world.end(1.5) == ("failed", f"the mode is {name}: the pilot or a failsafe has taken over")
     let_go = world.clock.now()
     world.pass_s(2)
-    world.stand_still(30)
+    world.stand_still(10)
     assert world.orders(let_go) == []
     assert {m.get_type() for m in world.orders(taken)} <= {"SET_POSITION_TARGET_LOCAL_NED"}  # until it was noticed
     assert {m.get_type() for at, m in world.told if at > let_go} <= {"HEARTBEAT", "COMMAND_LONG"}
@@ -833,7 +832,7 @@ def goes_on_after_a_silence(world: World, silent_s: float) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("silent_s", [1.55, 1.65, 1.75])
+@pytest.mark.parametrize("silent_s", [1.55, 1.75])
 def test_a_vehicle_that_stopped_without_a_pose_does_not_stand_on_the_ground(
     make: Callable[[], Any], silent_s: float
 ) -> None:
@@ -895,7 +894,7 @@ def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> 
     assert world.fail(3.0) == INTERRUPTED
     stopped = world.clock.now()
     world.pass_s(4)
-    world.stand_still(20)
+    world.stand_still(8)
     assert world.ned[2] < -1.0
     assert world.armed
     assert world.orders(stopped + 0.01) == []

@@ -310,11 +310,11 @@ def test_above_level_ground_the_terrain_database_changes_nothing() -> None:
 
 def test_down_a_slope_it_is_followed_ten_metres_higher_than_asked() -> None:
     slope = Slope(0.2)
-    clear = slope.fly(100)
-    assert clear[-1] == pytest.approx(13.0, abs=1.0)  # and not 43
+    clear = slope.fly(60)
+    assert clear[-1] == pytest.approx(13.0, abs=1.0)  # and not 27
     assert slope.height_sources() == ["estimate", "terrain"]
     for wrong_by in (0.05, -0.05):  # the slope is less steep than the database has it, or steeper
-        assert min(Slope(0.2, 0.2 + wrong_by).fly(100)) > 2.9
+        assert min(Slope(0.2, 0.2 + wrong_by).fly(60)) > 2.9
 
 
 def test_down_up_and_down_a_slope_what_is_followed_is_said_once() -> None:
@@ -767,7 +767,7 @@ def test_it_flies_on_only_while_the_height_is_sure() -> None:
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.3])
 @pytest.mark.parametrize("fall", [0.0, 0.3])
-@pytest.mark.parametrize("rate", [0.02, 0.025, 0.05, 0.1, 0.2, 0.3, 0.44, 0.5])
+@pytest.mark.parametrize("rate", [0.02, 0.05, 0.3, 0.5])
 def test_a_rangefinder_that_drifts_is_found_above_half_the_height(rate: float, fall: float, noise_m: float) -> None:
     """Level ground for 50 s, then ground that falls by `fall` m a metre; the lie begins at any time of that."""
     for from_s in (0.0, 30.0, 55.0, 70.0):

@@ -85,14 +85,10 @@ def stopped(
 @pytest.mark.parametrize(
     ("make", "seconds", "switch", "lost_from"),
     [
-        (ardupilot, 14.0, 13.0, math.inf),
-        (px4, 14.0, 13.0, 2.0),
-        (ardupilot, 14.0, 0.5, 2.0),
+        (ardupilot, 14.0, 13.0, 2.0),
         (px4, 14.0, 0.5, 0.0),
-        (ardupilot, 3.0, 2.9, 0.0),
         (px4, 3.0, 2.9, math.inf),
         (ardupilot, 1.2, 0.1, math.inf),
-        (px4, 1.2, 0.1, 0.0),
     ],
 )
 def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
@@ -106,11 +102,10 @@ def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
     world.stay_silent(5, since=goes_on)
 
 
-@pytest.mark.parametrize("seconds", [14.0, 60.0])
-def test_after_a_pause_that_nobody_used_the_search_goes_on(seconds: float) -> None:
+def test_after_a_pause_that_nobody_used_the_search_goes_on() -> None:
     world = hunting(ardupilot())
     before = world.ned
-    goes_on = stopped(world, seconds)
+    goes_on = stopped(world, 14.0)
     assert world.end() == ("found", "found")
     assert any(text.startswith(PAUSED) for text in world.said)
     assert not any("no frame" in text for text in world.said)
@@ -140,7 +135,7 @@ def test_after_a_pause_old_words_of_the_mode_do_not_count() -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "switch", "lost_from", "mode"),
-    [(2.0, math.inf, math.inf, "position"), (14.1, 10.0, math.inf, "hold"), (14.1, 10.0, 4.0, "hold")],
+    [(2.0, math.inf, math.inf, "position"), (14.1, 10.0, 4.0, "hold")],
 )
 def test_after_a_pause_the_mode_is_named_that_px4_is_in(
     seconds: float, switch: float, lost_from: float, mode: str
@@ -263,9 +258,7 @@ def ended_at(make: Callable[[], Any]) -> float:
     return rehearsal.clock.now()
 
 
-@pytest.mark.parametrize(
-    ("make", "ms"), [*((ardupilot, ms) for ms in (0, 150, 300)), *((px4, ms) for ms in (25, 100, 250, 325))]
-)
+@pytest.mark.parametrize(("make", "ms"), [(ardupilot, 0), (ardupilot, 150), (px4, 25), (px4, 250)])
 def test_a_switch_just_before_the_search_ends_is_not_overridden(make: Callable[[], Any], ms: int) -> None:
     """Whenever the pilot switches: what the vehicle is in at the end is what the pilot has chosen."""
     world = World(make())
@@ -468,10 +461,9 @@ def elsewhere(north_m: float, **options: Any) -> SimulatedVehicle:
 @pytest.mark.parametrize(
     ("north_m", "booted", "silence_s"),
     [
-        *((0.0, -5.0, silence_s) for silence_s in (0.3, 2.0)),
+        (0.0, -5.0, 0.3),  # its clock is behind
         (0.0, 5.0, 1.0),
-        *((40.0, 0.0, silence_s) for silence_s in (0.3, 2.0)),
-        (40.0, -5.0, 4.0),
+        (40.0, 0.0, 2.0),
         (400.0, 2.0, 1.0),
     ],
 )
@@ -678,7 +670,8 @@ def test_who_arms_and_disarms_it_in_the_last_seconds_gets_all_of_them_again() ->
 
 def struck(name: str, phase: str) -> tuple[World, float]:
     """A search whose vehicle has its failsafe in this phase, and when that was."""
-    world = reaching(phase, ardupilot(), take_off=6.0, height=6.0)
+    high_m = 3.0 if phase == "landing" else 6.0
+    world = reaching(phase, ardupilot(), take_off=high_m, height=high_m)
     if phase == "flying":
         world.hunt()
     elif phase == "landing":
@@ -699,7 +692,7 @@ def test_in_the_air_it_ends_at_once_and_the_vehicle_does_what_its_failsafe_does(
         assert math.hypot(*world.ned[:2]) < 1.5
 
 
-@pytest.mark.parametrize("name", FAILSAFES)
+@pytest.mark.parametrize("name", ["battery", "ekf"])
 def test_while_it_lands_the_failsafe_lands_it_on(name: str) -> None:
     """One that lands too is no other mode: the landing goes on, and the place stays found."""
     world, at = struck(name, "landing")
@@ -801,9 +794,7 @@ def sticks(world: World, *pulses: int) -> None:
     getattr(world.vehicle, "_vehicle", world.vehicle)._pilot.sticks = pulses
 
 
-@pytest.mark.parametrize(
-    ("make", "phase", "channel"), [(ardupilot, "climbing", 1), (px4, "climbing", 3), (px4, "flying", 1)]
-)
+@pytest.mark.parametrize(("make", "phase", "channel"), [(ardupilot, "climbing", 1), (px4, "flying", 3)])
 def test_a_radio_that_px4_does_not_use_is_a_pilots_too(make: Callable[[], Any], phase: str, channel: int) -> None:
     world = reaching(phase, make(), take_off=5.0, height=5.0)
     world.pass_s(2)
@@ -824,7 +815,6 @@ def test_ardupilot_gets_its_throttle_into_the_middle_first() -> None:
     ("before", "axes", "what"),
     [
         (None, (700, 0, 500, 0), "pitch"),
-        ((0, 0, 500, 0), (0, -700, 500, 0), "roll"),
         ((0, 0, 500, 0), (0, 0, 500, 700), "yaw"),
     ],
 )
@@ -944,24 +934,29 @@ def test_a_stick_that_moves_while_px4_still_stands_keeps_it_on_the_ground(monkey
 # -- what is none ------------------------------------------------------------------------------------------
 
 
+def flies_on(world: World) -> None:
+    """For as long as a pilot would wait for the vehicle at most."""
+    world.pass_s(WITHIN_S)
+    assert (world.client._commander.phase.name, world.client.outcome) == ("FLYING", None)
+
+
 @pytest.mark.parametrize(
     "axes",
     [
-        [(0, 0, 500, 0), (70, -100, 560, 140), (-140, 100, 440, -140)],  # jitter
+        # jitter, and an axis that is not used any more
+        [(0, 0, 500, 0), (70, -100, 560, 140), (-140, 100, 440, -140), (0, 0, 32767, 0)],
         [(-400, 300, 0, 200), (-400, 300, 0, 200)],  # not in the middle from the start, the throttle at its lowest
-        [None, (0, 0, 0, 0)],  # a radio that is switched on in flight, with the throttle at its lowest
-        [(0, 0, 0, 0), None, (20, 20, 0, 20)],  # and one that was lost meanwhile
-        [(0, 0, 500, 0), (0, 0, 32767, 0)],  # an axis that is not used any more
+        # a radio that is switched on in flight, with the throttle at its lowest, and is lost meanwhile
+        [None, (0, 0, 0, 0), None, (20, 20, 0, 20)],
     ],
 )
 def test_these_axes_are_no_pilot(axes: list[Any]) -> None:
     vehicle = px4()
     vehicle.manual = axes[0]
-    world = hunting(vehicle)
+    world = hunting(vehicle, take_off=2.0, height=2.0, speed=0.3)
     for there in axes[1:]:
         vehicle.manual = there
-        world.pass_s(1.5)
-    assert world.end() == ("found", "found")
+        flies_on(world)
 
 
 @pytest.mark.parametrize(
@@ -971,23 +966,23 @@ def test_these_axes_are_no_pilot(axes: list[Any]) -> None:
             ardupilot,
             [
                 *(AT_REST, (1560, 1440, 1560, 1440, 1010, 1490)),  # jitter
+                *(AT_REST[:4], AT_REST),  # channels that go and come
+                *((1500, 1500, 900, 1500, 2000, 2000), AT_REST),  # one that is lost: by FS_THR_VALUE
                 *((*AT_REST[:5], 1500 + 40 * n) for n in range(1, 10)),  # a knob, or the quality of the link
             ],
         ),
-        (ardupilot, [AT_REST, AT_REST[:4], AT_REST]),  # channels that go and come
-        (ardupilot, [AT_REST, (1500, 1500, 900, 1500, 2000, 2000), AT_REST]),  # one that is lost: by FS_THR_VALUE
         (px4, [(1300, 1700, 1000, 1500, 2000, 1000)] * 2),  # not in the middle from the start
         (px4, [(0,) * 6, (0,) * 6, (1510, 1490, 1000, 1500, 2000, 1000)]),  # a radio that is switched on in flight
     ],
 )
 def test_these_pulses_are_no_pilot(make: Callable[[], Any], pulses: list[tuple[int, ...]]) -> None:
-    world = World(make())
+    world = World(make(), speed=0.3)
     radio = Radio(world, *pulses[0])
     world.hunt()
     for there in pulses[1:]:
         radio.pulses = there
         world.pass_s(0.3)
-    assert world.end() == ("found", "found")
+    flies_on(world)
 
 
 def test_a_switch_on_the_ground_is_no_reason_to_stay_there() -> None:
@@ -1009,7 +1004,7 @@ def test_only_the_autopilots_own_messages_count(make: Callable[[], Any]) -> None
     world.between = lambda data: b"".join(
         [data, *(source.pack(message) for source in sources for message in (sticks, radio) if data)]
     )
-    assert world.end() == ("found", "found")
+    flies_on(world)
 
 
 def test_a_radio_that_px4_has_lost_moves_no_stick() -> None:
@@ -1022,7 +1017,7 @@ def test_a_radio_that_px4_has_lost_moves_no_stick() -> None:
     vehicle.manual = None
     world.pass_s(1.5)
     radio.pulses = (1200, 1200, 1000, 1200, 1000, 1500)
-    assert world.end() == ("found", "found")
+    flies_on(world)
 
 
 # A vehicle that does not follow its set-points is noticed within seconds; one that is slow or blown about is not
@@ -1117,18 +1112,15 @@ def test_one_that_flies_another_way_than_ordered_is_landed_at_once(make: Callabl
     assert not world.armed
 
 
-FAR = {"area": (-30.0, -10.0, 30.0, 10.0), "limit_s": 40.0}
+FAR = {"area": (-30.0, -10.0, 30.0, 10.0), "limit_s": 25.0}
 
 
 @pytest.mark.parametrize(
     ("make", "options", "change", "plan"),
     [
-        pytest.param(px4, {}, slower(0.3), {}, id="slow"),
         pytest.param(ardupilot, {"wind": (-9.0, 6.0, 0.0)}, slower(0.5), {}, id="wind"),
         pytest.param(px4, {"gps_noise_m": 3.0, "seed": 3}, slower(0.6), {}, id="walk"),
         pytest.param(px4, {}, None, {"take_off": 2.0, "height": 12.0}, id="climb"),
-        pytest.param(ardupilot, {}, None, {"speed": 8.0}, id="fast"),
-        pytest.param(px4, {}, None, {"speed": 0.2}, id="creeping"),
     ],
 )
 def test_one_that_is_slow_blown_about_or_climbs_is_let_fly(
