@@ -72,7 +72,7 @@ SLOW: Final = {
     "emulator/test_faults.py::test_another_fault_does_not_change_whom_this_one_strikes": REPLAYS,
     "emulator/test_faults.py::test_before_and_after_a_fault_the_frames_are_what_they_would_be_without": REPLAYS,
     "emulator/test_faults.py::test_bytes_are_hit_at_the_rate_asked_for": REPLAYS,
-    "emulator/test_faults.py::test_every_frame_is_accounted_for_every_fault_counted_and_marked_and_so_again": REPLAYS,
+    "emulator/test_faults.py::test_every_frame_is_accounted_for_and_every_fault_counted_and_marked": REPLAYS,
     "emulator/test_faults.py::test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole": REPLAYS,
     "emulator/test_faults.py::test_two_bursts_of_interference_at_once_add_up_whatever_their_order": REPLAYS,
     "emulator/test_faults.py::test_what_is_counted_is_what_is_marked_and_what_a_driver_counts": REPLAYS,

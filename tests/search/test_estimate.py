@@ -60,6 +60,8 @@ from firmware_proto import Decoder, encode
 from tests.every import every
 from tests.search.world import PAPER, fly, fly_to_buried
 
+LONGEST_S = 60.0  # above a place, instead of four minutes
+
 
 def frame(time_s: float, d_cm: int, delta_deg: int = 0, north: float = 0.0, east: float = 0.0) -> Observation:
     return Observation(time_s, (north, east, -1.0), np.eye(3), d_cm, delta_deg, 0 < d_cm <= 300)
@@ -128,8 +130,9 @@ def test_one_certain_reading_among_uncertain_ones_reports_no_place(
         return place_now(*arguments)._replace(covariance=(variance, 0.0, variance))
 
     monkeypatch.setattr(estimate, "place_now", scripted)
+    monkeypatch.setattr(estimate, "_LONGEST_S", LONGEST_S)
     flight = fly(Estimate(1.0), PAPER[1], rate_hz=0.2)
-    assert (flight.time_s > 200) == late
+    assert (flight.time_s > LONGEST_S + 30) == late
     assert flight.error_m < 0.3
 
 
@@ -151,7 +154,8 @@ def test_a_place_is_not_certain_under_the_largest_drift_or_if_places_wander_with
         assert least_m < (sigma_of(dipoles.now(Found(0.0, 0.0), 23.0).now_covariance) or 0.0) < most_m
 
 
-def test_a_position_that_wanders_within_seconds_is_searched_by_its_mean() -> None:
+def test_a_position_that_wanders_within_seconds_is_searched_by_its_mean(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimate, "_LONGEST_S", LONGEST_S)
     flight = fly(Estimate(1.0), PAPER[1], gps_m=1.0, rate_hz=0.2)
     assert flight.error_m < 1.5
     assert (sigma_of(flight.found.now_covariance) or 0.0) > 0.5
@@ -593,7 +597,7 @@ def test_a_place_agrees_though_what_was_heard_far_from_it_was_noise() -> None:
 
 
 NEAR = PAPER[1]  # 10 m away: the vehicle is above it within 30 s
-ENDS_S = 30 + 240 + 20 + 10
+ENDS_S = 30 + LONGEST_S + 20 + 10
 
 
 class Wavering(Evidence):
@@ -629,13 +633,15 @@ class Confused(Estimate):
 
 def test_though_its_cause_changes_whenever_it_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimate, "Evidence", Wavering)
+    monkeypatch.setattr(estimate, "_LONGEST_S", LONGEST_S)
     flight = fly(Estimate(1.0), NEAR, rate_hz=0.2, limit_s=400)
     assert flight.found is not None
     assert flight.time_s < ENDS_S
     assert flight.error_m < 1
 
 
-def test_though_it_never_comes_above_a_place_again() -> None:
+def test_though_it_never_comes_above_a_place_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimate, "_LONGEST_S", LONGEST_S)
     strategy = Confused(1.0)
     flight = fly(strategy, NEAR, rate_hz=0.2, limit_s=400)
     assert strategy.circles

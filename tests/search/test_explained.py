@@ -58,9 +58,9 @@ def test_the_dipole_at_a_place_found_is_that_of_its_readings() -> None:
 
 
 def test_two_transmitters_without_ids_are_found_one_after_the_other() -> None:
-    two = "{id: 1, ned: [8, 3, 1]}, {id: 2, ned: [-6, -7, 1]}"
-    flight = Flight("estimate", "output: {format: text}", victim=two, victims=2, area=(-12.0, -12.0, 12.0, 12.0))
+    two = "{id: 1, ned: [6, 3, 1]}, {id: 2, ned: [-4, -5, 1]}"
+    flight = Flight("estimate", "output: {format: text}", victim=two, victims=2, area=(-8.0, -8.0, 8.0, 8.0))
     assert flight.outcome.kind == "found"
     assert [victim.id for victim in flight.outcome.victims] == [NO_ID, NO_ID]
     places = sorted(victim.found[:2] for victim in flight.outcome.victims)
-    assert places == [pytest.approx((-6.0, -7.0), abs=0.1), pytest.approx((8.0, 3.0), abs=0.1)]
+    assert places == [pytest.approx((-4.0, -5.0), abs=0.1), pytest.approx((6.0, 3.0), abs=0.1)]

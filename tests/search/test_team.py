@@ -516,10 +516,10 @@ def test_a_vehicle_under_another_one_does_not_take_off(other: News, under: bool)
     assert mate.under_another == under
 
 
-@pytest.mark.parametrize(("until_s", "flies"), [(30.0, True), (200.0, False)])
+@pytest.mark.parametrize(("until_s", "flies"), [(20.0, True), (200.0, False)])
 def test_who_takes_off_late_waits_until_nobody_is_above(until_s: float, flies: bool) -> None:
-    """The first one hovers above the second one's place until then; the second one waits a minute."""
-    clock, plan = StepClock(), SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20))
+    """The first one hovers above the second one's place until then; the second one waits 30 s."""
+    clock, plan = StepClock(), SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20), timeout_s=30.0)
     loop = ClosedLoop(several(parse(TWO, "test"), 2), plan, start=0.0, stream_hz=10.0)
     first, second = loop.drones
     lat, lon, alt = second.vehicle.truth(0.0).lla
