@@ -581,7 +581,7 @@ def test_a_mode_that_was_not_ordered_ends_all_orders(phase: Phase, autopilot: in
     told.commander.land(told.now)
     told.commander.hold(told.now)
     told.beat(told.hold, armed=True)
-    assert told.beat(told.steer, armed=True).hear(60.0) == []
+    assert told.beat(told.steer, armed=True).hear(10.0) == []
 
 
 @pytest.mark.parametrize("pinned", [False, True])

@@ -683,7 +683,7 @@ def test_a_hostile_link_does_not_fill_the_memory(known: bool) -> None:
     assert beat[0] == 0xFD
 
     def hear(components: range) -> None:
-        for system in range(2, 256, 2):
+        for system in range(2, 256, 4):
             for component in components:
                 encoder = Encoder(system, component)
                 session.feed(encoder.pack(heartbeat(*kind)) + encoder.pack(other), 100.0)

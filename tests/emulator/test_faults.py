@@ -148,8 +148,8 @@ def harmless(seconds: float = 20.0) -> Bench:
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_every_frame_is_accounted_for_every_fault_counted_and_marked_and_so_again(name: str) -> None:
-    bench, again = (Bench(fault(name), seconds=4.0, seed="5") for _ in range(2))
+def test_every_frame_is_accounted_for_and_every_fault_counted_and_marked(name: str) -> None:
+    bench = Bench(fault(name), seconds=4.0, seed="5")
     c = bench.emulator.counters
     assert c.frames == len(bench.snapshots) == 41
     assert c.frames + c.duplicated == c.delivered + c.damaged + c.withheld + c.dropped + c.waiting
@@ -161,33 +161,38 @@ def test_every_frame_is_accounted_for_every_fault_counted_and_marked_and_so_agai
     assert count[name]["frames"] == len(bench.met(name)) > 0
     assert (count[name].get("bytes", 0) > 0) == (FAULTS[name].stage == "wire")
     assert list(count) == [name]
-    assert bench.writes == again.writes
-    assert bench.met(name) == again.met(name)
-    if FAULTS[name].valid and FAULTS[name].stage != "heard" and name not in ("delay_s", "jitter_s", "baud_ratio"):
-        assert bench.met(name) != Bench(fault(name), seconds=4.0, seed="6").met(name)
+
+
+def test_all_faults_at_once_strike_the_same_again() -> None:
+    every = [fault(name) for name in FAULTS if name not in ("silence", "baud_ratio", "stuck", "transmitter_off")]
+    one, again = (Bench(*every, seconds=8.0, seed="5") for _ in range(2))
+    assert one.writes == again.writes
+    assert [s.faults for s in one.snapshots] == [s.faults for s in again.snapshots]
+    assert len(one.writes) > 20
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_before_and_after_a_fault_the_frames_are_what_they_would_be_without(name: str) -> None:
-    without, bench = harmless(8.0), Bench(fault(name, ", from_s: 4, until_s: 6"), seconds=8.0)
+    without, bench = harmless(4.0), Bench(fault(name, ", from_s: 1, until_s: 3"), seconds=4.0)
     times = [s.instant_s for s in bench.snapshots if s.faults]
     assert times
-    assert 4 <= min(times) <= max(times) < 6
+    assert 1 <= min(times) <= max(times) < 3
     for said, plain in zip(bench.snapshots, without.snapshots, strict=True):
-        if not 4 <= said.time_s < 6:
+        if not 1 <= said.time_s < 3:
             assert (said.frame, said.reading) == (plain.frame, plain.reading)
-    before = [data for at, data in without.writes if at < 4]
-    after = [data for at, data in without.writes if at > 6.5]
+    before = [data for at, data in without.writes if at < 1]
+    after = [data for at, data in without.writes if at > 3.5]
     assert [data for _, data in bench.writes[: len(before)]] == before
     assert [data for _, data in bench.writes[-len(after) :]] == after
 
 
-FREE = ["drop", "sequence", "duplicate", "truncate", "corrupt", "drop_bytes", "insert_bytes", "flip_bytes"]
+FREE = ["drop", "duplicate", "corrupt", "flip_bytes"]  # of each stage that draws
 
 
 @pytest.mark.parametrize("name", FREE)
 def test_another_fault_does_not_change_whom_this_one_strikes(name: str) -> None:
     alone = Bench(fault(name), seconds=4.0)
+    assert alone.met(name) != Bench(fault(name), seconds=4.0, seed="6").met(name)
     others = "interference: 20", "delay_s: 0.05", "jitter_s: 0.3", "stuck: true", "reorder: 0.2"
     assert Bench(*others, fault(name), seconds=4.0).met(name) == alone.met(name)
 
@@ -455,18 +460,18 @@ def spread(snapshots: list[FrameMade]) -> float:
     return float(np.std([s.frame.channels[0].d for s in snapshots]))
 
 
-@pytest.mark.parametrize("step", [1, -1])
-def test_two_bursts_of_interference_at_once_add_up_whatever_their_order(step: int) -> None:
+def test_two_bursts_of_interference_at_once_add_up_whatever_their_order() -> None:
     strong, weak = "interference: 200, from_s: 5, until_s: 15", "interference: 1.1, from_s: 10"
-    both, of_the_strong, of_the_weak = (
-        Bench(*faults).snapshots for faults in ([strong, weak][::step], [strong], [weak])
+    both, other_way, of_the_strong, of_the_weak = (
+        Bench(*faults).snapshots for faults in ([strong, weak], [weak, strong], [strong], [weak])
     )
-    assert [s.number for s in both if "interference" in s.faults] == list(range(50, 201))
-    assert spread(both[100:150]) == pytest.approx(spread(of_the_strong[100:150]), rel=0.5)
-    assert spread(both[100:150]) > 5 * spread(of_the_weak[100:150])
-    if step == 1:  # one of a kind is drawn from the same numbers with a second one and without
-        assert [s.frame for s in both[:100]] == [s.frame for s in of_the_strong[:100]]
-        assert any(a.frame != b.frame for a, b in zip(both[100:150], of_the_strong[100:150], strict=True))
+    for one in (both, other_way):
+        assert [s.number for s in one if "interference" in s.faults] == list(range(50, 201))
+        assert spread(one[100:150]) == pytest.approx(spread(of_the_strong[100:150]), rel=0.5)
+        assert spread(one[100:150]) > 5 * spread(of_the_weak[100:150])
+    # one of a kind is drawn from the same numbers with a second one and without
+    assert [s.frame for s in both[:100]] == [s.frame for s in of_the_strong[:100]]
+    assert any(a.frame != b.frame for a, b in zip(both[100:150], of_the_strong[100:150], strict=True))
 
 
 def test_a_cold_battery_makes_everything_sound_farther_away() -> None:
@@ -593,7 +598,7 @@ def test_a_wrong_baud_rate_leaves_no_frame_and_recovers_at_once() -> None:
 # -- over MAVLink --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("format", ["tunnel", "named", "named_float", "debug_vect"])
+@pytest.mark.parametrize("format", ["tunnel", "named"])
 def test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole(
     format: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -864,8 +869,8 @@ def test_every_fault_is_in_the_scenario_that_shows_them() -> None:
 
 
 def test_a_long_run_checks_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A minute of it."""
-    options = Namespace(scenario=ROOT / "configs" / "faults.yaml", hours=0.02)
+    """Half a minute of it."""
+    options = Namespace(scenario=ROOT / "configs" / "faults.yaml", hours=0.01)
     right = long_run(options, tmp_path / "record")
     said = capsys.readouterr().out
     assert right, said

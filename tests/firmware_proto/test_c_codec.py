@@ -49,8 +49,13 @@ def test_no_compiler_is_said_so(monkeypatch):
         compiler()
 
 
-@pytest.mark.parametrize("language", [("-std=c99",), ("-x", "c++", "-std=c++11")], ids=["C99", "C++"])
-@pytest.mark.parametrize("name", list(INSTALLED.values()) or ["cc"])
+@pytest.mark.parametrize(
+    ("name", "language"),
+    [
+        *((name, ("-std=c99",)) for name in list(INSTALLED.values()) or ["cc"]),
+        (next(iter(INSTALLED.values()), "cc"), ("-x", "c++", "-std=c++11")),
+    ],
+)
 def test_it_compiles_without_a_warning(tmp_path, name, language):
     for extra in ["-fsyntax-only"] if "clang" in name else ["-O2"]:  # clang warns before it optimizes
         for source in (SOURCE, MESSAGES):
@@ -152,16 +157,17 @@ def test_frames_are_counted_without_a_function_to_take_them(codec):
 
 
 def test_python_and_c_make_the_same_of_the_same_bytes(run_tool):
-    assert "2000 streams, no difference" in run_tool("tools", "fuzz", "codecs", "frames", "2000")
+    assert "700 streams, no difference" in run_tool("tools", "fuzz", "codecs", "frames", "700")
 
 
 def test_sanitizers_find_nothing(run_tool):
-    output = run_tool("tools", "fuzz", "c", "--runs", "10000", "--without-clang")
-    assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 10_000
+    output = run_tool("tools", "fuzz", "c", "--runs", "3000", "--without-clang")
+    assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 3000
 
 
+@pytest.mark.skipif(not shutil.which("clang"), reason="as above without libFuzzer")
 def test_guided_by_coverage_they_find_nothing_either(run_tool):
-    run_tool("tools", "fuzz", "c", "--runs", "2000")  # as above if there is no libFuzzer
+    run_tool("tools", "fuzz", "c", "--runs", "2000")
 
 
 def test_the_example_prints_what_comes_over_a_port(tmp_path):
@@ -292,12 +298,12 @@ def test_too_many_values_change_nothing(code):
 
 
 def test_python_and_c_make_the_same_of_the_same_messages(run_tool):
-    assert "2000 streams, no difference" in run_tool("tools", "fuzz", "codecs", "messages", "2000", "--no-lua")
+    assert "700 streams, no difference" in run_tool("tools", "fuzz", "codecs", "messages", "700", "--no-lua")
 
 
 def test_sanitizers_find_nothing_in_messages(run_tool):
-    output = run_tool("tools", "fuzz", "c", "messages", "--runs", "5000", "--without-clang")
-    assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 5000
+    output = run_tool("tools", "fuzz", "c", "messages", "--runs", "2000", "--without-clang")
+    assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 2000
 
 
 # -- What both decoders of binary frames promise about a bad line: the Python one and the C one -----------
@@ -346,7 +352,7 @@ def play(decoder, line):
     return heard
 
 
-@pytest.mark.parametrize(("hertz", "count"), [(1, 300), (50, 2000)])
+@pytest.mark.parametrize(("hertz", "count"), [(1, 100), (50, 600)])
 def test_every_whole_frame_of_a_bad_line_comes_out_within_100_ms(decoder, hertz, count):
     """And nothing else does: with this seed no damaged frame has a right CRC by chance."""
     random = Random(457)
@@ -376,12 +382,12 @@ def test_every_whole_frame_of_a_bad_line_comes_out_within_100_ms(decoder, hertz,
 
 def test_what_passes_of_damaged_frames_is_what_a_crc_of_16_bits_lets_pass(decoder):
     """One in 65536 of those that are damaged beyond three bits; here of frames with three random bytes."""
-    random, passed, count = Random(1), 0, 40_000
+    random, passed, count = Random(1), 0, 15_000
     raw = encode(Frame(5, 1, (Channel(1, 2, 300, 12),)))
     for k in range(count):
         bad = bytearray(raw)
         for at in random.sample(range(7, len(raw)), 3):
             bad[at] ^= random.randrange(1, 256)
         passed += len(decoder.feed(bytes(bad), k)) + len(decoder.feed(b"", k + 0.5))
-    assert passed <= 5  # 0.6 expected
+    assert passed <= 3  # 0.2 expected
     assert decoder.dropped == len(raw) * (count - passed)

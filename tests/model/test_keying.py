@@ -44,7 +44,7 @@ def test_pulses_come_at_the_period_with_the_jitter_asked_for() -> None:
 @pytest.mark.parametrize("name", KEYING_CLASSES)
 def test_sets_of_a_class_differ_as_the_class_says(name: str) -> None:
     kind = KEYING_CLASSES[name]
-    sets = [draw_keying(kind, seed, 1) for seed in range(2000)]
+    sets = [draw_keying(kind, seed, 1) for seed in range(1000)]
     periods = np.array([one.period_s for one in sets])
     spread = kind.spread_s / math.sqrt(3) if kind.spread == "uniform" else kind.spread_s
     assert periods.mean() == pytest.approx(kind.period_s, abs=0.01)

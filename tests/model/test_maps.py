@@ -49,7 +49,7 @@ def test_the_integers_are_those_of_one_look_after_another(
     antennas: Antennas, m: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(maps, "_PAIRS", 1000)  # in several blocks
-    there, n = transmitters(m), 2000
+    there, n = transmitters(m), 800
     places, turns = poses(n, there)
     one = PaperReceiver(antennas, channels=m, seed=3)
     every = readings(places, turns, there, antennas, seed=3)

@@ -77,7 +77,7 @@ def oracle_noise(rng: np.random.Generator, kind: NoiseKind, bound: float) -> tup
     return [size * across * math.cos(azimuth), size * across * math.sin(azimuth), size * z], size
 
 
-@pytest.mark.parametrize(("kind", "floor"), [("uniform", 80.0), ("gaussian", 45.0), ("uniform", 78.0)])
+@pytest.mark.parametrize(("kind", "floor"), [("gaussian", 45.0), ("uniform", 78.0)])
 def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: float) -> None:
     m, frames, channels = 5, 500, 4
     rng = np.random.default_rng(1)
@@ -343,7 +343,7 @@ def test_few_transmitters_are_read_as_many_are(noise: float) -> None:
     few = Transmitters(many.ids[:6], near.positions, near.rotations, near.strengths)
     antennas = Antennas(sensitivity=(0.9, 0.7, 0.5), noise="off")
     ours, theirs = Receiver(few, antennas, 6), Receiver(many, antennas, 6)
-    p, R = rng.normal(size=(1000, 3)) * 15, Rotation.from_quat(rng.normal(size=(1000, 4)))
+    p, R = rng.normal(size=(300, 3)) * 15, Rotation.from_quat(rng.normal(size=(300, 4)))
     differ = 0
     for pose in zip(*ours.pose(p, wxyz(R)), strict=True):
         w = noise * rng.normal(size=(6, 3))
