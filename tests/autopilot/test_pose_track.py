@@ -101,7 +101,7 @@ def angle(state: VehicleState, expected: Rotation) -> float:
     return float((Rotation.from_quat([x, y, z, w]).inv() * expected).magnitude())
 
 
-@pytest.mark.parametrize(("position_gap", "attitude_gap"), [(0.25, 0.25), (1.0, 0.05), (0.05, 1.0)])
+@pytest.mark.parametrize(("position_gap", "attitude_gap"), [(1.0, 0.05), (0.05, 1.0)])
 @few
 @given(seed=SEEDS)
 def test_between_samples_it_is_what_scipy_makes_of_them(position_gap: float, attitude_gap: float, seed: int) -> None:

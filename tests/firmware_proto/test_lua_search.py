@@ -446,7 +446,7 @@ def test_with_a_rangefinder_no_slope_comes_nearer_than_a_third_of_the_height(gra
     flight.autopilot.position = [0.0, 0.0, -3.0]
     flight.ground = lambda north, east: -grade * north
     flight.channels = [Channel(1, 1, 3000, 0)]  # to the north
-    assert flight.after(40).autopilot.position[0] > 3
+    assert flight.after(25).autopilot.position[0] > 3
     assert flight.lowest > 1
     assert "search ends" not in " ".join(flight.said())
 
@@ -498,7 +498,7 @@ def test_a_rangefinder_that_is_stuck_above_the_height_does_not_lead_to_the_groun
     flight.ground = lambda north, east: 0.0
     assert flight.fly(20, until=lambda autopilot: math.hypot(*autopilot.position[:2]) > 2)
     flight.ground = None
-    for _ in range(1000):
+    for _ in range(500):
         flight.autopilot.range = random.gauss(2 + above, noise)
         flight.fly(0.1)
         assert flight.autopilot.position[2] < -0.5

@@ -392,9 +392,8 @@ def test_it_is_an_onboard_computer_and_no_ground_station() -> None:
     assert widest_gap(at for at, _ in beats) < 1.2
 
 
-@BOTH
-def test_what_others_on_the_link_say_changes_nothing(make: Callable[[], Any]) -> None:
-    world = World(make())
+def test_what_others_on_the_link_say_changes_nothing() -> None:
+    world = World(px4())
     kinds = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER
     others = [(Encoder(*source), kind) for source in [(2, 1), (1, 191), (255, 190), (1, 100)] for kind in kinds]
 
@@ -884,8 +883,7 @@ def test_the_end_of_the_strips_lands() -> None:
 # -- broken off --------------------------------------------------------------------------------------------
 
 
-@BOTH
-@pytest.mark.parametrize("phase", ["climbing", "flying"])
+@pytest.mark.parametrize(("make", "phase"), [(ardupilot, "climbing"), (ardupilot, "flying"), (px4, "flying")])
 def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> None:
     world = reaching(phase, make(), take_off=6.0, height=6.0)
     world.pass_s(3)

@@ -107,7 +107,7 @@ class Late(Estimate):
 
 
 def test_readings_that_are_late_are_put_where_they_were_made() -> None:
-    flight = fly_to_buried(0, Late(1.0, 2), height_m=3.0, seed=0)
+    flight = fly(Late(1.0, 2), PAPER[1], height_m=3.0)
     assert flight.error_m < 0.5
 
 

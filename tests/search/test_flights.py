@@ -310,9 +310,8 @@ def test_a_sensor_that_reads_too_high_lands_nothing(lie: sensors.Lie, sensors_: 
         assert lie.kind != "reset" or event.value_m - event.other_m == pytest.approx(5.0, abs=0.3)
 
 
-@pytest.mark.parametrize(("m_s", "from_s"), [(0.05, 10.0), (0.2, 0.0)])
-def test_a_rangefinder_that_drifts_is_found_by_hovering_and_ends_the_search(m_s: float, from_s: float) -> None:
-    lie = sensors.Lie("rangefinder", "drift", m_s, from_s)
+def test_a_rangefinder_that_drifts_is_found_by_hovering_and_ends_the_search() -> None:
+    lie = sensors.Lie("rangefinder", "drift", 0.2, 0.0)
     report = sensors.Flight(lie, strategy="flux", limit_s=150.0).report()
     assert not report.fault
     assert report.lowest > 2.0
@@ -354,7 +353,6 @@ PLACES = pytest.mark.parametrize(
     [
         pytest.param((-16.5, 179.99998, 10.0), id="west of the date line"),
         pytest.param((-89.9, 120.0, 2800.0), id="near the south pole"),
-        pytest.param((-22.9, -67.8, 4300.0), id="4,300 m"),
     ],
 )
 
@@ -371,9 +369,8 @@ def test_a_transmitter_is_found_and_its_place_on_earth_said(home: Place) -> None
     assert math.dist(world.ned[:2], VICTIM) < 0.6
 
 
-@pytest.mark.parametrize("home", [(-16.5, 179.99998, 10.0), (-89.9, 120.0, 2800.0)])
-def test_the_emulator_and_a_search_agree_there(monkeypatch: pytest.MonkeyPatch, home: Place) -> None:
-    monkeypatch.setattr(closed_loop, "HOME", home)
+def test_the_emulator_and_a_search_agree_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed_loop, "HOME", (-89.9, 179.99999, 4300.0))
     scenario = parse("spec: 1\ntransmitters: [{id: 1, ned: [5, 3, 0.5]}]", "test")
     plan, clock = SearchPlan(STRATEGIES["estimate"], area=(-20, -20, 20, 20)), StepClock()
     loop = ClosedLoop(scenario, plan, start=0.0, stream_hz=10.0)

@@ -498,7 +498,7 @@ def test_one_lie_ends_nothing() -> None:
 
 @BOTH
 @pytest.mark.parametrize("message", [dialect.MAVLINK_MSG_ID_ATTITUDE, GLOBAL_POSITION])
-@pytest.mark.parametrize("ms", [-5000, 5000])
+@pytest.mark.parametrize("ms", [-5000])
 def test_one_stream_of_another_clock_ends_it(make: Callable[[], Any], message: int, ms: int) -> None:
     world = hunting(make())
     world.between = changed(message, "time_boot_ms", lambda boot_ms: boot_ms + ms)
