@@ -17,7 +17,6 @@ from arva_hil.links.tlog_timeline import Record
 
 DATA = Path(__file__).parents[1] / "data"
 HOUR_US, DAY_US = 3_600_000_000, 86_400_000_000
-BOOT_IDS = {30, 31, 33}
 
 
 class Replayed(NamedTuple):

@@ -43,7 +43,7 @@ from firmware_proto import Channel, Frame
 from tests.search.test_client import VICTIM, World
 from tests.search.world import PAPER, fly
 from tests.simulated_px4 import Px4
-from tools.bench import worlds
+from tools.bench import finds, worlds
 from tools.fuzz import sensors
 
 NOT_SURE = in_words(because(Why.NOT_SURE))
@@ -173,6 +173,14 @@ def test_a_place_that_a_transmitter_has_left_while_the_vehicle_comes_down_is_no_
     flight = Flight("estimate", f"faults: [{{transmitter_moved: 1, by_ned: [1.2, -2.9, 0], until_s: {back_s}}}]")
     assert flight.outcome.kind == kind
     assert flight.off < 0.1 if kind == "found" else in_words(flight.outcome.how) == NOT_SURE
+
+
+def test_the_program_that_counts_false_finds_flies_with_the_faults_it_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(finds, "_LIMIT_S", 5.0)
+    one = finds.flown("flux", 126, most=3)
+    assert "antenna_y=0" in one.faults
+    assert one.kind == "not found in 5 s"
+    assert [one._replace(outcome=FOUND, error_m=metres).kind for metres in (2.9, 3.1)] == [FOUND, "false"]
 
 
 def test_where_nobody_sends_a_loud_drone_receives_no_signal() -> None:
@@ -346,19 +354,8 @@ def test_an_end_names_both_values_and_the_vehicle_is_disarmed() -> None:
 # -- A search is the same everywhere on Earth: at the date line, near the poles, at 4,300 m ---------------
 
 
-Place = tuple[float, float, float]
-
-PLACES = pytest.mark.parametrize(
-    "home",
-    [
-        pytest.param((-16.5, 179.99998, 10.0), id="west of the date line"),
-        pytest.param((-89.9, 120.0, 2800.0), id="near the south pole"),
-    ],
-)
-
-
-@PLACES
-def test_a_transmitter_is_found_and_its_place_on_earth_said(home: Place) -> None:
+@pytest.mark.parametrize("home", [(-16.5, 179.99998, 10.0), (-89.9, 120.0, 2800.0)])  # west of the date line; a pole
+def test_a_transmitter_is_found_and_its_place_on_earth_said(home: tuple[float, float, float]) -> None:
     """PX4 is told a place on Earth to take off to, ArduPilot is not."""
     world = World(Px4(home))
     assert world.end() == ("found", "found")
