@@ -59,12 +59,16 @@ class Page(HTMLParser):
             self.texts.append(data)
 
 
-# Sphinx as `make docs` calls it: a process for both builders, of which one reads the pages; it collects no garbage, for
-# that is a third of its time
+# Sphinx as `make docs` calls it: a process for both builders, of which one reads the pages. It collects no garbage, and
+# makes no stems of words for the search and no list of all pages beside each page, for these are a quarter of its time
 SPHINX = """
 import gc, sys
+import furo
 from sphinx.cmd.build import build_main
+from sphinx.search.en import SearchEnglish
 gc.disable()
+SearchEnglish.stem = lambda _, word: word
+furo._compute_navigation_tree = lambda context: ""
 options = ["-q", "-W", "--keep-going", "-n", "-d", "doctrees"]
 codes = [build_main([*options, "-b", builder, sys.argv[1], builder]) for builder in ("html", "doctest")]
 sys.exit(codes[0] + 2 * codes[1])
