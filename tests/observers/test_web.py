@@ -487,11 +487,12 @@ def test_at_every_time_there_is_what_there_was_in_any_order(flown: Path) -> None
         assert all(event[0] <= time_s for event in document["events"])
         assert bool(document["search"] and document["search"]["found"]) == (time_s == 45.0)
     assert shown_at(state, 9.0)["receivers"][0]["faults"] == ["drop"]
-    assert shown_at(state, 12.0)["receivers"][0]["faults"] == []
     assert len(shown_at(state, 8.0)["search"]["hypotheses"]) >= 1
-    assert shown_at(state, 12.0)["transmitters"][0]["place"] == [20.0, 5.0, 0.0]
-    assert shown_at(state, 12.0)["vehicles"][0]["label"] == "quadrotor 1/1"
-    texts = [event[2] for event in shown_at(state, 12.0)["events"]]
+    document = shown_at(state, 12.0)
+    assert document["receivers"][0]["faults"] == []
+    assert document["transmitters"][0]["place"] == [20.0, 5.0, 0.0]
+    assert document["vehicles"][0]["label"] == "quadrotor 1/1"
+    texts = [event[2] for event in document["events"]]
     assert "search: going for transmitter 1, 19.2 m away" in texts
 
 

@@ -30,14 +30,14 @@ from tools.figures import fits, paper
 from tools.figures.receivers import FIGURES, OURS, novices, overlaps
 from tools.fuzz import decoder, loader, session
 from tools.fuzz import python as tool
-from tools.sitl.fly import fly, main
+from tools.sitl.fly import main
 from tools.sitl.judge import BEGINS, Flight, judge
 from tools.sitl.relay import Place
 
 
 @pytest.mark.parametrize(
     ("target", "count"),
-    [("loader", 60), ("session", 75), ("decoder", 500), ("commands", 500), ("log", 75), ("team", 100)],
+    [("loader", 30), ("session", 40), ("decoder", 300), ("commands", 300), ("log", 40), ("team", 60)],
 )
 def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, count: int) -> None:
     module = tool.module(target)
@@ -96,13 +96,8 @@ def wrong_decoder(monkeypatch: pytest.MonkeyPatch) -> str:
 @pytest.mark.parametrize("make", [wrong_session, wrong_loader, wrong_decoder])
 def test_what_is_wrong_is_found(make: Callable[[pytest.MonkeyPatch], str], monkeypatch: pytest.MonkeyPatch) -> None:
     module = tool.module(make(monkeypatch))
-    failed = 0
-    for data in module.seeds():
-        try:
-            module.fuzz(data)
-        except AssertionError:
-            failed += 1
-    assert failed
+    with pytest.raises(AssertionError):
+        list(map(module.fuzz, module.seeds()))
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -291,27 +286,19 @@ def test_a_second_flight_without_common_readings_does_not_agree(capsys: pytest.C
     assert "second flight agrees within the scatter: 1 of 3\n" in capsys.readouterr().out
 
 
-# tools/sitl/fly.py, a flight or two of each kind: a real search, and a pilot who takes over at a random moment
+# tools/sitl/fly.py: a real search, and a pilot who takes over while its process stands still
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("pause", 22), ("other", 1)])
-def test_no_order_comes_later_than_the_bound(kind: str, seed: int, tmp_path: Path) -> None:
-    flight = fly(Path("vehicle"), tmp_path, kind, seed)
-    assert flight.kept, flight
-    assert flight.late == 0, flight
-
-
-def test_nor_in_the_climb_and_the_last_line_counts_late_orders(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+def test_no_order_comes_later_than_the_bound(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """In the climb, in real time, the order for the next mode may be under way while the pilot switches, more likely
-    the slower the machine is. That it is left to the pilot there is tests/search/test_client.py's, in stepped time.
-    """
-    main(["vehicle", "climb", "--runs", "1", "--folder", str(tmp_path)])
+    monkeypatch.setenv("ARVA_HIL_COUNTDOWN", "0")
+    main(["vehicle", "pause", "--runs", "1", "--seed", "16", "--folder", str(tmp_path)])
     row, total = capsys.readouterr().out.splitlines()
-    assert row.split()[:3] == ["vehicle", "climb", "1"]
-    assert total.startswith("1 flights, ")
-    assert total.endswith(f"; 0 orders later than {BOUND_MS} ms")
+    assert row.split()[:3] == ["vehicle", "pause", "16"]
+    assert " kept True " in row
+    assert " late 0 " in row
+    assert total == f"1 flights, 0 bad; 0 orders later than {BOUND_MS} ms"
 
 
 @pytest.mark.parametrize(
@@ -349,11 +336,6 @@ def analytic(places: np.ndarray) -> np.ndarray:
     x, y = places.T
     r = np.hypot(x, y)
     return (np.array([2 * x**2 - y**2, 3 * x * y]) / (4 * np.pi * r**5)).T
-
-
-def test_the_bounds_are_those_of_the_model_s_description() -> None:
-    assert round(LAST_M, 1) == 61.9
-    assert round(SURE_M, 1) == 39.5
 
 
 def test_the_field_is_that_of_a_dipole_that_points_east() -> None:
