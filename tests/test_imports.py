@@ -35,7 +35,7 @@ def files(room: str) -> list[Path]:
 
 
 WITHOUT_UNIX = """
-import importlib, pkgutil, signal, sys, distributed, matplotlib, arva_hil
+import importlib, pkgutil, signal, sys, arva_hil
 sys.modules |= dict.fromkeys(("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"))
 for name in ("SIGALRM", "SIGHUP", "SIGKILL", "SIGUSR1", "SIG_BLOCK", "SIG_SETMASK", "pthread_sigmask"):
     delattr(signal, name)

@@ -150,13 +150,16 @@ def _server() -> socket.socket:
 # -- the server --------------------------------------------------------------------------------------------
 
 
+_SELDOM: Final = ("arva_hil.records.fitting.", "arva_hil.records.ros_messages.")  # scipy and rosbags: a second
+
+
 def _import_everything() -> None:
     import matplotlib.backends.backend_agg  # noqa: F401 (half a second for each program that draws)
 
     import arva_hil
 
     for module in pkgutil.walk_packages(arva_hil.__path__, "arva_hil."):
-        if not module.name.endswith("__main__"):
+        if not module.name.endswith("__main__") and not module.name.startswith(_SELDOM):
             importlib.import_module(module.name)
 
 

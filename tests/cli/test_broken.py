@@ -51,6 +51,7 @@ def params(found: dict[str, list[Entry]]) -> list[Any]:
 
 SCENARIOS = {path.stem: list(entries(path)) for path in sorted(BROKEN.glob("scenarios/*.txt"))}
 SCENARIOS["files"] = [e._replace(data=(BROKEN / "files" / e.title).read_bytes()) for e in entries(BROKEN / "files.txt")]
+FIRST = [all_of[0] for all_of in SCENARIOS.values()]
 CAMPAIGNS = {"campaigns": list(entries(BROKEN / "campaigns.txt"))}
 
 
@@ -89,7 +90,8 @@ def test_a_broken_scenario_is_answered_at_its_place_and_alike_by_check_and_run(a
     Path("f.yaml").write_bytes(entry.data)
     err = arva.refused("check", "f.yaml")
     check_answers(err, entry)
-    assert arva.refused("run", "--port", "pty", "--scenario", "f.yaml") == f"arva-hil: {err}"
+    if entry in FIRST:
+        assert arva.refused("run", "--port", "pty", "--scenario", "f.yaml") == f"arva-hil: {err}"
 
 
 def shape(entry: Entry) -> str:
@@ -273,15 +275,13 @@ def test_there_are_many_of_every_command() -> None:
         assert commands[name] >= 2, name
 
 
-HUGE = "x" * 100_000
 PROCESSES = [
     ([b"--port", b"\xff\xfe"], {}, rb"'\udcff\udcfe' is no connection"),
     ([b"check", b"\xe9t\xe9.yaml"], {}, rb"\udce9t\udce9.yaml:1:1: No such file or directory"),
     ([b"r\xfcn"], {}, rb"no command 'r\udcfcn'"),
     ([b"run", b"--port", b"pty"], {b"ARVA_HIL_FORMAT": b"\xff"}, rb"ARVA_HIL_FORMAT=\udcff"),
     ([b"run", b"--port", b"pty", b"--fault", b"\x80"], {}, rb"'\udc80'"),
-    ([b"listen", HUGE.encode()], {}, b"no connection"),
-    ([b"run", b"--port", b"pty", b"--scenario", HUGE.encode()], {}, b"File name too long"),
+    ([b"listen", b"x" * 100_000], {}, b"no connection"),
     ([b"replay", b"\n\x1b[31m.tlog"], {}, b"no such file"),
 ]
 
