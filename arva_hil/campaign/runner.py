@@ -135,7 +135,7 @@ def cluster(address: str, trials: int, *, within_s: float | None = None) -> Iter
         from distributed import Client
     except ImportError:
         raise MissingExtra("--scheduler needs Dask: pip install 'arva-hil[dask]'") from None
-    for name in ("distributed.client", "tornado.application"):
+    for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported here
     try:
         client = Client(address, timeout=within_s or _CONNECT_S, set_as_default=False)

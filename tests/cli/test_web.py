@@ -73,7 +73,7 @@ LATER = "new Promise((done) => { const before = beeps; setTimeout(() => done(bee
 DRAWN = """window.uPlot = class extends uPlot { constructor(...all) {
   super(...all);
   const set = this.setData;
-  this.setData = (data) => { window.drawn ??= data; set.call(this, data); };
+  this.setData = (data) => { if (data[2]) window.drawn ??= data; set.call(this, data); };
 } }; null"""
 TURNED = """[Number(document.getElementById("arrow").style.transform.match(/-?\\d+/)[0]),
   document.getElementById("heads").getAttribute("transform")]"""
