@@ -115,7 +115,8 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
         from arva_hil.records.ros_messages.readings import LiveMessages
 
     def messages() -> LiveMessages:
-        return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy"))
+        alone = scenario is None or len(scenario.vehicles) < 2  # the topics have one take-off point
+        return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy") and alone)
 
     if wanted := options.foxglove:
         from arva_hil.observers.foxglove import FoxgloveServer

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from argparse import Namespace
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from arva_hil.cli.watchers import live_observers
+from arva_hil.config import load
 from arva_hil.links.pty import PtyLink
+from arva_hil.observers.web.address import HostPort
 from tests.files import rows as table
 
 from .far_ends import Autopilot, Beacon, Program, Start, until
@@ -20,6 +25,9 @@ pytestmark = pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, re
 
 if importlib.util.find_spec("foxglove"):
     from tests.foxglove_client import FoxgloveClient
+
+
+ROOT = Path(__file__).parents[2]
 
 
 def client(program: Program) -> FoxgloveClient:
@@ -126,3 +134,18 @@ def test_an_address_that_is_none_ends_with_2(arva: Callable[..., Any], flight: P
     assert "expected HOST:PORT, HOST or PORT, e.g. 127.0.0.1:8765" in arva.refused(
         "replay", flight, "--foxglove", "a:b"
     )
+
+@pytest.mark.parametrize(("name", "told"), [("four_close", True), ("eight_drones", False)])
+def test_a_team_has_no_topics_of_a_search_whose_take_off_point_would_be_another_drones(
+    name: str, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Any] = []
+
+    def server(messages: Any, wanted: HostPort) -> Any:
+        made.append(messages)
+        return SimpleNamespace(url="", port=wanted.port)
+
+    monkeypatch.setattr("arva_hil.observers.foxglove.FoxgloveServer", server)
+    options = Namespace(foxglove=HostPort(), ros2=False, strategy="flux")
+    live_observers(options, load(ROOT / "configs" / f"{name}.yaml"), 0)
+    assert ("/search/found" in made[0].topics) == told

@@ -202,7 +202,7 @@ def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> ros.DiagnosticStatus
 class LiveMessages:
     """Makes the messages of all events. `scenario`: of the run; None for a search alone.
 
-    `epoch_us`: microseconds since 1970 at the loop's time 0. `searches`: whether there is a search.
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `searches`: publish the one search that there is.
     `receivers`: (vehicle, receiver); default: the scenario's.
     """
 
@@ -228,5 +228,6 @@ class LiveMessages:
         if isinstance(event, FromSearch):
             event = event.event
         if isinstance(event, SearchEvent):
-            return self._search.of_event(event, self._run.world if self._run else None)
+            world = self._run.world if self._run else None
+            return self._search.of_event(event, world) if self._searches else []
         return self._run.of_event(event) if self._run else []

@@ -347,6 +347,14 @@ def test_a_strategy_that_knows_no_covariance_has_no_ellipse() -> None:
     assert said["/search/found"]["position_covariance_type"] == 0
 
 
+def test_searches_of_several_take_off_points_are_left_out() -> None:
+    messages = LiveMessages(DEFAULT, EPOCH_US, searches=False)
+    assert not [topic for topic in messages.topics if topic.startswith("/search")]
+    for n, name in enumerate(("one", "two")):
+        assert messages.of_event(FromSearch(1.0, TakeOffPoint(1.0, 46.0 + n, 7.0, 1650.0), name)) == []
+    assert messages.of_event(FromSearch(9.0, FOUND, "one")) == []
+
+
 # -- a record gives the messages that its run published --------------------------------------------------------
 
 
