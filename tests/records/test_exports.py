@@ -141,6 +141,23 @@ def test_a_search_that_was_killed_has_its_places_from_its_events(tmp_path: Path)
     assert "2 of 2 in the order of probing; the search has not ended; on Earth" in str(features)
 
 
+def test_a_place_that_was_doubted_is_not_one_of_a_search_that_was_killed(tmp_path: Path) -> None:
+    """The transmitter has no id: its second place is of the same one."""
+    folder = write_search(tmp_path, ended=False)
+    place = {"transmitter": None, "north_m": 10.0, "east_m": -3.0, "sure": True}
+    events = [
+        {"event": "place_found", "time_s": 2.0, **place},
+        {"event": "place_doubted", "time_s": 3.0, **place},
+        {"event": "place_found", "time_s": 4.0, **place, "north_m": 12.0},
+        {"event": "victim_noted", "time_s": 5.0, **place, "north_m": 12.0, "sure": False},
+        {"event": "place_doubted", "time_s": 6.0, **place, "east_m": 30.0},
+    ]
+    written(folder / "search.jsonl", "".join(json.dumps(event) + "\n" for event in events))
+    search = load(folder).search
+    assert search is not None
+    assert [(one.north, one.sure) for one in search.places] == [(12.0, False)]
+
+
 def test_kml_has_d_beside_each_point_and_nothing_where_nothing_is_heard(tmp_path: Path) -> None:
     root = etree.fromstring(exported("kml", load(write(tmp_path / "flight", COUNT, search=False))))
     gx = "{http://www.google.com/kml/ext/2.2}"

@@ -194,12 +194,16 @@ def _so_far(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             outcome["origin"] = [event.get(name) for name in ("lat", "lon", "alt")]
         elif kind == "search_begun":
             outcome["wanted"], begun_s = event.get("wanted"), event["time_s"]
-        elif kind == "place_found":
-            id_, (north, east) = event.get("transmitter"), (number(event.get(name)) for name in ("north_m", "east_m"))
-            found = {**event, "id": id_, "north": north, "east": east, "time_s": event["time_s"] - begun_s}
+        north, east = place = number(event.get("north_m")), number(event.get("east_m"))
+        if kind == "place_found":
+            id_, took_s = event.get("transmitter"), event["time_s"] - begun_s
+            victims[place] = found = {**event, "id": id_, "north": north, "east": east, "time_s": took_s}
             if (origin := lat_lon_alt(outcome.get("origin"))) and north is not None and east is not None:
                 found["lat_lon"] = [float(degrees) for degrees in LocalFrame(*origin).lla([north, east, 0.0])[:2]]
-            victims[id_ if isinstance(id_, int) else len(victims)] = found
+        elif kind == "victim_noted" and place in victims:
+            victims[place]["sure"] = event.get("sure")
+        elif kind == "place_doubted":  # it is visited again
+            victims.pop(place, None)
     return {**outcome, "victims": [*victims.values()]}
 
 
