@@ -31,7 +31,7 @@ _CLOCKS_S = 0.1  # report a larger difference of clocks
 def main(options: argparse.Namespace) -> None:
     if bool(options.other) == bool(options.scenario):
         raise UsageError("name one to compare with: --scenario FILE, or another record")
-    if options.other and options.seed is not None:
+    if options.other and "seed" in options.typed:
         raise UsageError("--seed: of the emulator: it goes with --scenario, not with another record")
     picture = next((one for one in FORMATS if options.out and Path(options.out).suffix.lower() == f".{one}"), None)
     if options.out and picture is None:

@@ -23,7 +23,7 @@ def main(options: argparse.Namespace) -> int:
             raise UsageError(f"--only: no clause {name!r}; {hint}")
     chosen = [clause for clause in every.values() if not options.only or clause.name in options.only]
     if options.list:
-        if options.command or options.junit or options.pty:
+        if options.command or options.typed & {"junit", "pty"}:
             raise UsageError("--list: it judges nothing: leave out COMMAND, --junit and --pty")
         show(
             *(

@@ -188,7 +188,7 @@ def _team(
     source, vehicles = scenario.source, scenario.vehicles
     if options.victims != 1:
         raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
-    if options.format:
+    if "format" in options.typed:
         raise UsageError(f"--format: {source} has the format of each receiver: leave it out")
     if not 1 <= len(vehicles) <= MOST_MEMBERS:
         raise UsageError(f"{source}: {len(vehicles)} vehicles, expected 1 to {MOST_MEMBERS} that search")

@@ -574,6 +574,16 @@ def test_a_closed_stdin_is_at_its_end(start: Start) -> None:
 # -- the environment ---------------------------------------------------------------------------------------
 
 
+def test_a_variable_is_never_an_option_without_an_effect(
+    arva: Arva, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, value in {"FORMAT": "nmea", "SEED": "3", "JUNIT": "f.xml", "PTY": "1"}.items():
+        monkeypatch.setenv(f"ARVA_HIL_{name}", value)
+    assert arva("conform", "--list").out
+    assert "--seed" not in arva.refused("compare", tmp_path, tmp_path)
+    assert "its autopilot is missing" in arva.refused("search", "--scenario", "builtin:eight_drones")
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [
