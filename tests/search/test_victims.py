@@ -15,6 +15,7 @@ from arva_hil.events.searches import (
     MarkLost,
     MarksNotTaken,
     PlaceDoubted,
+    PlaceFound,
     ReceiverKnown,
     TransmitterChosen,
     VictimAgain,
@@ -132,6 +133,19 @@ def test_one_is_found_and_marked_then_the_next_and_the_last_one_ends_it() -> Non
     assert rescue.of(ReceiverKnown)[0].text == "pulsed 1"
     assert [victim.marked for victim in rescue.mission.victims.places] == [True, True]
     assert rescue.mission.others == {}
+
+
+def test_the_time_of_a_victim_is_that_of_its_finding_not_of_the_arrival_above_it() -> None:
+    rescue = Rescue(2)
+    rescue.step(beacon(1, 9))
+    rescue.strategy.finds = Found(AT[0] + 5.0, AT[1])
+    for _ in range(4):
+        rescue.step(beacon(1, 6))  # the vehicle flies there
+    rescue.strategy.finds = None
+    for _ in range(8):
+        rescue.step(beacon(1, 2), at=(AT[0] + 5.0, AT[1], AT[2]))
+    (found,), (victim,) = rescue.of(PlaceFound), rescue.mission.victims.places
+    assert victim.time_s == found.time_s - 100.0 == 2.0
 
 
 def test_one_that_is_searched_for_alone_asks_nothing_of_the_receiver() -> None:

@@ -58,7 +58,7 @@ class Progress:
     """
 
     def __init__(self, start_s: float, position: Position) -> None:
-        self.searched_s = 0.0
+        self.searched_s = self.found_s = 0.0  # until the newest place was found
         self.path_m = 0.0  # horizontally
         self.frames = 0
         self._start_s = start_s
@@ -70,6 +70,10 @@ class Progress:
             self.searched_s = time_s - self._start_s
         self.path_m += math.dist(position[:2], self.position[:2])
         self.position = position
+
+    def find(self, time_s: float) -> None:
+        """Note the time at which a place was found."""
+        self.found_s = time_s - self._start_s
 
 
 class PlaceReports:
@@ -341,7 +345,7 @@ class Mission:
         if not victims.unreported:
             self._strips.twice = False
             dipole = self._reached.dipole if self._reached else None
-            victims.add(Victim(target, found, self.sure, self.progress.searched_s), dipole, time_s)
+            victims.add(Victim(target, found, self.sure, self.progress.found_s), dipole, time_s)
         if victims.settling and not late:
             return STILL
         if target == NO_ID:
@@ -386,6 +390,7 @@ class Mission:
             if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
                 return
             self._reached = answer
+            self.progress.find(time_s)
             self.victims.aside.moving.pop(target, None)
             self.reports.report_found(time_s, id_of(target), answer.found, sure=self.sure)
         if answer.belief is not None:

@@ -91,7 +91,7 @@ _LEAST_M: Final = 1.0  # two places within this distance are one
 class Victim:
     """A transmitter that was found. `id`: -1 when frames carry none. `sure`: as in AnalysisResult.
 
-    `time_s`: from the end of the take-off; `marked`: by the receiver, as far as the search knows.
+    `time_s`: of the finding, from the end of the take-off; `marked`: by the receiver, as far as the search knows.
     """
 
     id: int
