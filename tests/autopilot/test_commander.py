@@ -418,8 +418,10 @@ def test_sticks_are_known_of_a_radio_that_is_there() -> None:
     assert not sticks.known(0.0)
     for now in (0.0, 0.2):
         sticks.on_message(dialect.MAVLink_rc_channels_message(0, 4, *[1500] * 18, 255), now)
-    assert sticks.known(2.0)
-    assert not sticks.known(2.3)
+    assert sticks.throttle_in_middle(2.1)
+    assert not sticks.throttle_in_middle(2.3)
+    assert sticks.known(4.1)
+    assert not sticks.known(4.3)
     sticks.mark()
     sticks.remote = False
     assert not sticks.known(2.0)

@@ -802,6 +802,18 @@ def test_a_radio_that_px4_does_not_use_is_a_pilots_too(make: Callable[[], Any], 
     is_given_to_the_pilot(world, f"a stick (channel {channel}, by 300 µs)")
 
 
+def test_a_gap_of_the_link_is_no_lost_radio_while_the_throttle_is_awaited() -> None:
+    world = hunting(ardupilot())
+    sticks(world, 1500, 1500, 1200, 1500)
+    world.until(lambda: world.client._commander.phase.name == "YIELDING", 1.0)
+    world.pass_s(1)
+    world.between = lambda data: b""
+    world.pass_s(2.2)
+    world.between = lambda data: data
+    sticks(world, *(1500,) * 4)
+    assert "; the pilot has it, in LOITER" in world.fail(WITHIN_S)
+
+
 def test_ardupilot_gets_its_throttle_into_the_middle_first() -> None:
     world = reaching("climbing", ardupilot(), take_off=5.0, height=5.0)
     world.pass_s(2)

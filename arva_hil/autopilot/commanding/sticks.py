@@ -23,7 +23,8 @@ _MIDDLE_US: Final = (1400, 1600)  # of the throttle: LOITER keeps the height
 _PULSE_US: Final = (800, 2200)  # pulses outside are not from a radio, as for ArduPilot
 _LOST_US: Final = 975.0  # ArduPilot's default for FS_THR_VALUE
 _ABSENT: Final = (0, 0xFFFF)  # pulses of channels that do not exist
-_FRESH_S: Final = 2.0  # after this time without a message the radio is not known
+_FRESH_S: Final = 2.0  # an older position of the throttle orders nothing
+_GONE_S: Final = 4.0  # after this time without a message there is no radio: a silent link is named before
 _TWICE: Final = 2  # messages in a row, to ignore glitches
 _FULL: Final = 1000  # MANUAL_CONTROL: the end of an axis; the throttle begins at 0
 _AXES: Final = ("roll", "pitch", "throttle", "yaw")
@@ -108,11 +109,12 @@ class Sticks:
 
     def known(self, now: float) -> bool:
         """Return True if there is a radio."""
-        return self._usable and bool(self._radio.now) and now - self._radio_s <= _FRESH_S
+        return self._usable and bool(self._radio.now) and now - self._radio_s <= _GONE_S
 
     def throttle_in_middle(self, now: float) -> bool:
         (low, high), us = _MIDDLE_US, self._radio.now
-        return self.known(now) and 1 <= self.throttle <= len(us) and low <= us[self.throttle - 1] <= high
+        fresh = self.known(now) and now - self._radio_s <= _FRESH_S
+        return fresh and 1 <= self.throttle <= len(us) and low <= us[self.throttle - 1] <= high
 
     @property
     def _usable(self) -> bool:
