@@ -135,6 +135,7 @@ def test_an_address_that_is_none_ends_with_2(arva: Callable[..., Any], flight: P
         "replay", flight, "--foxglove", "a:b"
     )
 
+
 @pytest.mark.parametrize(("name", "told"), [("four_close", True), ("eight_drones", False)])
 def test_a_team_has_no_topics_of_a_search_whose_take_off_point_would_be_another_drones(
     name: str, told: bool, monkeypatch: pytest.MonkeyPatch

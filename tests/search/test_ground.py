@@ -553,13 +553,19 @@ def test_a_stop_of_a_sink_that_has_begun_is_a_contact_at_once(vehicle: Vehicle) 
     assert stands[-1]
 
 
-def descent(vehicle: Vehicle, parts: list[tuple[float, float]]) -> list[bool]:
-    """Order a hover to sink at 0.5 m/s. `parts`: how long it sinks, and at which speed; returns when it stands."""
+def test_so_is_a_stop_of_a_slow_one_that_is_ordered_to_sink_faster_then(vehicle: Vehicle) -> None:
+    assert descent(vehicle, [(1.0, 0.15), (1.0, 0.0)], 0.15) == [False] * 11
+    assert any(descent(vehicle, [(1.0, 0.0)], begin=11))
+
+
+def descent(vehicle: Vehicle, parts: list[tuple[float, float]], ordered: float = 0.5, begin: int = 0) -> list[bool]:
+    """Order a hover to sink. `parts`: how long it sinks, and at which speed; returns when it stands."""
     above, stands = 10.0, []
-    for n, sinks in enumerate([0.0] + [sinks for seconds, sinks in parts for _ in range(round(seconds / 0.2))]):
+    steps = [sinks for seconds, sinks in parts for _ in range(round(seconds / 0.2))]
+    for n, sinks in enumerate(steps if begin else [0.0, *steps], begin):
         above -= 0.2 * sinks
         state = VehicleState(0, np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks]), (1.0, 0.0, 0.0, 0.0), 0.0)
-        stands.append(vehicle.ground.height(n * 0.2, state, 0.5 if n else 0.0).landed)
+        stands.append(vehicle.ground.height(n * 0.2, state, ordered if n else 0.0).landed)
     return stands
 
 

@@ -124,10 +124,14 @@ class _Motion:
             climbed = by_position
         self._climbs = -sinks
         if not self.silent:  # an old pose may be of a vehicle that sinks meanwhile
-            if ordered <= 2 * AT_REST_M_S:
+            if ordered <= 0:
                 self.stalled = -_BEGIN_M
+            elif abs(sinks) >= AT_REST_M_S:
+                self.stalled = 0.0
+            elif ordered > 2 * AT_REST_M_S:
+                self.stalled += ordered * dt
             else:
-                self.stalled = self.stalled + ordered * dt if abs(sinks) < AT_REST_M_S else 0.0
+                self.stalled = min(self.stalled, 0.0)
         self._last = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
         return self._last
 
