@@ -899,6 +899,15 @@ def test_a_low_throttle_hides_no_stick_unless_the_radio_is_lost(monkeypatch: pyt
     world.until(lambda: world.client._commander.phase.name == "YIELDING", WITHIN_S)
 
 
+def test_without_a_failsafe_for_the_throttle_a_low_one_hides_no_stick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(arducopter._VALUES, "FS_THR_ENABLE", 0)
+    world = World(ardupilot())
+    radio = Radio(world, 1500, 1500, 930, *AT_REST[3:])
+    world.hunt()
+    radio.pulses = (1900, 1500, 930, *AT_REST[3:])
+    world.until(lambda: world.client._commander.phase.name == "YIELDING", WITHIN_S)
+
+
 def test_px4_may_give_the_vehicle_to_the_sticks_itself() -> None:
     """With COM_RC_OVERRIDE 3: then Hold would take it from them."""
     vehicle = px4()

@@ -241,7 +241,7 @@ class SearchClient:
         self._line.pin()
         sticks, values = self._commander.sticks, self._preflight.failsafes.values
         sticks.throttle = int(values.get("RCMAP_THROTTLE", sticks.throttle))
-        sticks.lost_us = values.get("FS_THR_VALUE", sticks.lost_us)
+        sticks.lost_us = values.get("FS_THR_VALUE", sticks.lost_us) if values.get("FS_THR_ENABLE", 1) else 0.0
         self._events.append(Launched(now, str(self._session.vehicle), self._flight.plan.take_over))
 
     def _conclude(self, now: float) -> None:
