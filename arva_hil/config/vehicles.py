@@ -23,8 +23,7 @@ class _LinkText(Text):
         try:
             parse(text)
         except AddressError as error:
-            found, _, examples = str(error).rpartition(": write ")
-            raise wrong(f"{self} such as {examples}", found) from None
+            raise wrong(f"{self} such as {error.cure}" if error.cure else str(self), error.found) from None
         return text
 
 

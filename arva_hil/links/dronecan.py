@@ -59,7 +59,7 @@ def _filters(node: int) -> list[tuple[int, int]]:
 
 
 def _refused(address: Address, found: str) -> AddressError:
-    return AddressError(f"{str(address)!r} {found}: write can:SERIAL0,node=42,bus=can0")
+    return AddressError(f"{str(address)!r} {found}", "can:SERIAL0,node=42,bus=can0")
 
 
 class DroneCanLink(StreamLink):

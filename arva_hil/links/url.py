@@ -24,7 +24,12 @@ _EXAMPLES: Final = ("/dev/ttyACM0,57600", "COM5", "pty", "udpin:127.0.0.1:14550"
 
 
 class AddressError(ArvaError, ValueError):
-    """A wrong connection string. `str()` says what was found and what to write instead."""
+    """A wrong connection string. `found`: what is wrong with it; `cure`: what to write instead, "" if not known."""
+
+    def __init__(self, found: str, *examples: str) -> None:
+        *first, last = examples or ("",)
+        self.found, self.cure = found, f"{', '.join(first)}{' or ' if first else ''}{last}"
+        super().__init__(f"{found}: write {self.cure}" if self.cure else found)
 
 
 class Address(NamedTuple):
@@ -169,5 +174,4 @@ def _target(rest: str) -> str:
 
 
 def _refused(text: str, found: str, *examples: str) -> AddressError:
-    *first, last = examples
-    return AddressError(f"{text!r} {found}: write {', '.join(first)}{' or ' if first else ''}{last}")
+    return AddressError(f"{text!r} {found}", *examples)

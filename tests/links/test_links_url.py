@@ -144,7 +144,12 @@ def test_refusal(text: str, found: str) -> None:
     with pytest.raises(AddressError) as caught:
         parse(text)
     assert str(caught.value).startswith(f"{text.strip()!r} {found}")
-    assert ": write " in str(caught.value)
+    assert str(caught.value) == f"{caught.value.found}: write {caught.value.cure}"
+
+
+def test_a_refusal_may_know_no_cure() -> None:
+    error = AddressError("'x' is no connection")
+    assert (str(error), error.found, error.cure) == ("'x' is no connection", "'x' is no connection", "")
 
 
 @every("text", [t for t in REFUSALS if t not in ("udp:drone", "tcp:fe80::1")])

@@ -115,7 +115,7 @@ def test_events_are_on_the_clock_of_the_frames_and_the_status_is_apart(read: Rec
 def test_a_search_beside_it_is_on_the_same_clock_and_lies_where_it_took_off(read: Recording) -> None:
     search = read.search
     assert search.start_s == 1.0
-    assert (search.how, search.target) == ("found", 1)
+    assert (search.how, search.found and search.found.id) == ("found", 1)
     assert np.isfinite(search.d_cm).sum() == 6
     place = read.of_search([search.found.north, search.found.east, 0.0])
     assert place.tolist() == pytest.approx([20.5, 5.25, 0.0], abs=1e-4)

@@ -88,17 +88,17 @@ class SearchView:
         return None if self._begun is None or not math.isfinite(time_s) else time_s - self._begun.time_s
 
     def _shown_victim(
-        self, victim: searches.VictimNoted | searches.PlaceFound, north_m: float, east_m: float, *, over: bool
+        self, victim: searches.VictimNoted | searches.PlaceFound, place: list[float], *, over: bool
     ) -> dict[str, Any]:
-        """Return a victim for the page; with a QR code if the search is over. `north_m`, `east_m`: in the map."""
-        lat_lon, took_s = self._places.lat_lon(north_m, east_m), self._since_begun(victim.time_s)
+        """Return a victim for the page; with a QR code if the search is over. `place`: in the map."""
+        lat_lon = self._places.lat_lon(*place)
         noted = victim if isinstance(victim, searches.VictimNoted) else None
         return {
             "id": victim.transmitter,
-            "place": [round(north_m, 6), round(east_m, 6)],
+            "place": place,
             "lat_lon": lat_lon,
             "qr": _qr_code(*lat_lon) if over and lat_lon else None,
-            "took_s": took_s,
+            "took_s": self._since_begun(victim.time_s),
             "sure": victim.sure,
             "marked": noted is not None and noted.marked,
             "left": noted and noted.left,
@@ -135,7 +135,7 @@ class SearchView:
             "area": begun.area and [*place(*begun.area[:2]), *place(*begun.area[2:])],
             "strip_m": begun.strip_m,
             "left_s": None if begun.limit_s is None or took_s is None else round(max(0.0, begun.limit_s - took_s)),
-            "victims": [self._shown_victim(one, one.north_m + north, one.east_m + east, over=over) for one in found],
+            "victims": [self._shown_victim(one, place(one.north_m, one.east_m), over=over) for one in found],
             "hypotheses": [[*place(n, e), round(share, 4)] for n, e, share in belief.hypotheses],
             "mean": place(*means) if belief.hypotheses else None,
             "covariance": _covariance(belief.covariance),

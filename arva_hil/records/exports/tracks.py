@@ -125,12 +125,12 @@ def _found(recording: Recording) -> Iterator[Landmark]:
         return
     for number, found in enumerate(search.victims, 1):
         order = f"{number} of {len(search.victims)} in the order of probing; {'' if found.sure else 'not sure; '}"
-        yield from _place_found(search, found, order, found.id)
+        yield from _place_found(search, found, order)
     if search.found and not search.victims:
-        yield from _place_found(search, search.found, "", search.target)
+        yield from _place_found(search, search.found, "")
 
 
-def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: int | None) -> Iterator[Landmark]:
+def _place_found(search: RecordedSearch, found: RecordedPlace, order: str) -> Iterator[Landmark]:
     """Yield the place, if it is known on Earth."""
     if found.lat_lon is None:
         return
@@ -149,9 +149,9 @@ def _place_found(search: RecordedSearch, found: RecordedPlace, order: str, id_: 
         )
         if (spread := sigma_of(found.relative_covariance)) is not None:
             about += f"; relative to the drone ± {in_metres(spread)}"
-    name = "place found" if id_ is None else f"place found: transmitter {id_}"
+    name = "place found" if found.id is None else f"place found: transmitter {found.id}"
     lat, lon, alt = rounded(np.array([*found.lat_lon, alt])).tolist()
-    yield Landmark("found", name, about, (lat, lon, alt), [(round(a, 8), round(b, 8)) for a, b in edge], id_)
+    yield Landmark("found", name, about, (lat, lon, alt), [(round(a, 8), round(b, 8)) for a, b in edge], found.id)
 
 
 def _transmitters(recording: Recording) -> Iterator[Landmark]:

@@ -131,12 +131,6 @@ class RecordedSearch:
         return tuple(found) or ((self.found,) if self.found else ())
 
     @property
-    def target(self) -> int | None:
-        """The id of the transmitter searched for."""
-        value = self.outcome.get("id")
-        return value if isinstance(value, int) else None
-
-    @property
     def flying(self) -> NDArray[np.bool_]:
         """True (K,) for steps after the take-off and before the landing."""
         return np.array([phase == "flying" for phase in self.phase], bool)

@@ -104,11 +104,13 @@ def _of_search(search: RecordedSearch) -> Iterator[Event]:
 def _places(search: RecordedSearch) -> Iterator[Event]:
     """Yield each place found at its time; one without a time at the last step."""
     times = search.time_s + search.start_s
-    begun_s = next(iter(times[search.flying]), math.inf)
+    flown = times[search.flying]
     for found in search.places if len(times) else ():
-        took_s = math.inf if found.time_s is None else found.time_s
+        time_s = times[-1]
+        if found.time_s is not None and len(flown):
+            time_s = min(time_s, flown[0] + found.time_s)
         yield PlaceFound(
-            float(min(times[-1], begun_s + took_s)),
+            float(time_s),
             found.id,
             found.north,
             found.east,
