@@ -36,6 +36,7 @@ _FENCE: Final = {
     "FENCE_ALT_MAX": 100,
     "FENCE_RADIUS": 150,
     "FENCE_TOTAL": 0,
+    "FENCE_ALT_MIN": -10,
 }
 _VALUES: Final = {
     "FS_THR_ENABLE": 1,

@@ -416,6 +416,18 @@ def test_parameters_are_asked_for_again_after_a_loss_of_the_link(monkeypatch: py
             {"area": (40.0, -10.0, 60.0, 10.0)},
             "the whole area is beyond the vehicle's fence (GF_MAX_HOR_DIST 30), 40 m needed; nothing was armed",
         ),
+        (
+            ardupilot,
+            ON | {"FENCE_TYPE": 8, "FENCE_ALT_MIN": 4.0},
+            {"height": 3.0, "land": False},
+            "the height is beyond the vehicle's fence (FENCE_ALT_MIN 4), 3 m needed; nothing was armed",
+        ),
+        (
+            ardupilot,
+            ON | {"FENCE_TYPE": 8, "FENCE_ALT_MIN": 2.0},
+            {"height": 3.0},
+            "the height is beyond the vehicle's fence (FENCE_ALT_MIN 2), 0.5 m needed; nothing was armed",
+        ),
     ],
 )
 def test_beyond_the_fence_nothing_is_armed(
@@ -424,6 +436,15 @@ def test_beyond_the_fence_nothing_is_armed(
     world = fenced(monkeypatch, make, values, **plan)
     assert world.end() == ("failed", how)
     assert world.orders() == []
+
+
+@pytest.mark.parametrize("values", [{"FENCE_ALT_MIN": 2.0}, {"FENCE_TYPE": 7, "FENCE_ALT_MIN": 9.0}])
+def test_a_fence_below_the_flight_is_no_reason_against_it(
+    monkeypatch: pytest.MonkeyPatch, values: dict[str, float]
+) -> None:
+    world = fenced(monkeypatch, ardupilot, ON | {"FENCE_TYPE": 15} | values, height=3.0, land=False)
+    world.reach("arming")
+    assert not [text for text in world.said if "fence" in text]
 
 
 # -- A search that begins in the air: only on request, only from a hover, and by the pilot's leave --------
@@ -513,6 +534,31 @@ def test_it_is_not_taken_over(vehicle: Callable[[], Any], why: str) -> None:
     assert how.startswith("the vehicle is not taken over: ")
     assert why in how
     assert world.orders() == []
+
+
+@pytest.mark.parametrize(
+    ("values", "plan", "said"),
+    [
+        ({"FENCE_RADIUS": 60}, {"area": (0.0, -9.0, 50.0, 9.0)}, "the area reaches 61 m from the take-off point"),
+        ({"FENCE_RADIUS": 50}, {"area": (45.0, -9.0, 49.0, 9.0)}, "the whole area is beyond the vehicle's fence"),
+        ({"FENCE_ALT_MAX": 5}, {"height": 6.0}, "the height is beyond the vehicle's fence (FENCE_ALT_MAX 5)"),
+        ({"FENCE_RADIUS": 60}, {"area": (-60.0, -9.0, 40.0, 9.0)}, ""),
+    ],
+)
+def test_a_fence_is_compared_with_the_area_from_home(
+    monkeypatch: pytest.MonkeyPatch, values: dict[str, float], plan: dict[str, Any], said: str
+) -> None:
+    for name, value in (ON | values).items():
+        monkeypatch.setitem(arducopter._VALUES, name, value)
+    world = World(airborne(ardupilot, at=(10.0, 0.0)), {"take_over": True}, **plan)
+    world.until(lambda: world.client.outcome or world.client.launched)
+    fences = [text for text in world.said if "fence" in text]
+    if outcome := world.client.outcome:
+        fences.append(in_words(outcome.how))
+        assert world.orders() == []
+    assert len(fences) == bool(said)
+    assert all(said in text for text in fences)
+    assert bool(outcome) == ("is beyond" in said)
 
 
 def test_it_is_waited_for_until_it_hovers() -> None:

@@ -22,10 +22,13 @@ _TRIES: Final = 4
 _ARDUPILOT: Final = ("FS_THR_ENABLE", "FS_THR_VALUE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE")
 _PX4: Final = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T", "NAV_RCL_ACT", "NAV_DLL_ACT", "COM_RC_OVERRIDE")
 _FENCE: Final = {  # by: the autopilot is PX4
-    False: ("FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS", "FENCE_TOTAL"),
+    False: (
+        *("FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE"),
+        *("FENCE_ALT_MAX", "FENCE_RADIUS", "FENCE_TOTAL", "FENCE_ALT_MIN"),
+    ),
     True: ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"),
 }
-_HEIGHT, _CIRCLE, _POLYGONS = 1, 2, 4  # bits of FENCE_TYPE
+_HEIGHT, _CIRCLE, _POLYGONS, _LOWEST = 1, 2, 4, 8  # bits of FENCE_TYPE
 _SET_POINTS_S: Final = {"GUID_TIMEOUT": (0.5, 5.0), "COM_OF_LOSS_T": (0.5, 5.0)}  # set-points come every 0.2 s
 _IN_AUTO: Final = 1  # of COM_RC_OVERRIDE: in the auto modes PX4 follows a stick that moves
 _INTEGERS: Final = {  # MAV_PARAM_TYPE → struct: PX4 copies the bytes of an integer into the float
@@ -107,6 +110,8 @@ class Fence(NamedTuple):
     """Above home."""
     points: int = 0
     """The number of the points of polygons and other circles, whose places are not known."""
+    lowest: FenceLimit | None = None
+    """The least height above home."""
 
 
 def fence_of(values: Mapping[str, float], *, px4: bool) -> Fence:
@@ -117,8 +122,8 @@ def fence_of(values: Mapping[str, float], *, px4: bool) -> Fence:
     on = int(values.get("FENCE_ENABLE") or values.get("FENCE_AUTOENABLE") or 0)  # the latter: from arming or later on
     kinds = int(values.get("FENCE_TYPE", 0)) if on else 0
     points = int(values.get("FENCE_TOTAL", 0)) if kinds & _POLYGONS else 0
-    circle = _limit(values, "FENCE_RADIUS", kinds & _CIRCLE)
-    return Fence(circle, _limit(values, "FENCE_ALT_MAX", kinds & _HEIGHT), points)
+    circle, height = _limit(values, "FENCE_RADIUS", kinds & _CIRCLE), _limit(values, "FENCE_ALT_MAX", kinds & _HEIGHT)
+    return Fence(circle, height, points, _limit(values, "FENCE_ALT_MIN", kinds & _LOWEST))
 
 
 def _limit(values: Mapping[str, float], name: str, on: int) -> FenceLimit | None:

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple, Protocol
 from arva_hil.autopilot.commanding.commander import Commander
 from arva_hil.autopilot.commanding.vehicle_checks import Failsafes, SimulatorCheck, fence_of
 from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4, modes_of
+from arva_hil.autopilot.following.navigation import offset_m
 from arva_hil.autopilot.following.session import Received, Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import Reason, Why, because
@@ -34,6 +35,7 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.flight.airborne import OLD_S
 from arva_hil.search.flight.links import QUIET_S, ReceiverLink
+from arva_hil.search.mission.ground import LAND_M
 from arva_hil.search.mission.outcome import Kind, Refusal
 from arva_hil.search.strategies.plan import SearchPlan
 
@@ -395,20 +397,25 @@ class Preflight:
             self._emit(FailsafesKnown(now, autopilot, parameters, self._commander.sticks.remote))
             for doubt in self.failsafes.doubts():
                 self._emit(ParameterDoubted(now, *doubt))
-            if self._hover is None and (beyond := self._compare_fence(now)):
+            if beyond := self._compare_fence(now):
                 return Refusal("failed", beyond)
         return self._permission.check(now, self._emit) if self._permission else True
 
     def _compare_fence(self, now: float) -> Reason | None:
         """Report a fence inside the area. Return the reason against any flight, or None."""
         fence, plan = fence_of(self.failsafes.values, px4=self.failsafes.px4), self._plan
-        south, west, north, east = plan.area
+        place, home = self._session.navigation.track.last_position, self._session.navigation.home
+        start = offset_m(home, place.place) if self._hover and place and home else (0.0, 0.0)  # home: where it arms
+        south, west, north, east = (edge + start[n % 2] for n, edge in enumerate(plan.area))
         farthest = math.hypot(max(-south, north), max(-west, east))
         nearest = math.hypot(max(south, -north, 0.0), max(west, -east, 0.0))
-        height = max(plan.height, plan.take_off)
-        for limit, needed_m in (fence.radius, nearest), (fence.height, height):
+        highest = plan.height if self._hover else max(plan.height, plan.take_off)
+        for limit, needed_m in (fence.radius, nearest), (fence.height, highest):
             if limit and needed_m > limit.metres:
                 return because(Why.BEYOND_FENCE, area=limit is fence.radius, **limit._asdict(), needed_m=needed_m)
+        lowest = min(LAND_M) if plan.land else plan.height
+        if fence.lowest and lowest < fence.lowest.metres:
+            return because(Why.BEYOND_FENCE, area=False, **fence.lowest._asdict(), needed_m=lowest)
         if fence.radius and farthest > fence.radius.metres:
             self._emit(FenceInArea(now, *fence.radius, farthest))
         if fence.points:

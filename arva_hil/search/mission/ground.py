@@ -323,7 +323,7 @@ _RECOVERY_S: Final = 10.0  # limit of that climb; it begins again after each ris
 _RISE_M: Final = 1.0  # of the height: a rise
 _LONGEST_S: Final = 60.0  # limit of that climb in all
 
-_LAND_M: Final = (0.5, 1.5)  # the height at which the autopilot lands, with and without a rangefinder
+LAND_M: Final = (0.5, 1.5)  # the height at which the autopilot lands, with and without a rangefinder
 _APPROACH_M_S: Final = 1.0  # the highest horizontal speed in the descent
 _ABOVE_M: Final = 0.4  # descend only within this distance of the place
 _LOWEST: Final = 0.6  # below this share of the landing height it also lands beside the place
@@ -423,7 +423,7 @@ class Descent:
         self, place: tuple[float, float], time_s: float, position: Position, height: Height
     ) -> tuple[float, float, float]:
         off = math.dist(position[:2], place)
-        floor = _LAND_M[not height.measured] + height.margin
+        floor = LAND_M[not height.measured] + height.margin
         rest = floor + _REST_M
         if height.metres <= rest + 0.1:
             self._low_s = min(self._low_s, time_s)
