@@ -21,6 +21,7 @@ from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 from arva_hil.model.field import dipole_field, rotation
 from arva_hil.model.receiver.paper import outputs
 from arva_hil.runtime.loop import run
@@ -794,6 +795,29 @@ def test_an_autopilot_that_falls_silent_is_left_to_its_failsafe() -> None:
     assert {(m.vx, m.vy, m.vz) for at, m in set_points(world) if at > fell_silent + 1.5} == {(0.0, 0.0, 0.0)}
     world.between = bytes
     world.stay_silent(10, since=world.clock.now())
+
+
+@BOTH
+def test_without_reports_of_the_mode_the_last_set_points_stop_the_vehicle(make: Callable[[], Any]) -> None:
+    """It would fly on, or sink, for as long as its autopilot follows the last one."""
+    world = hunting(make(), take_off=10.0, height=2.0)
+    world.between = without(HEARTBEAT, MAVLINK_MSG_ID_CURRENT_MODE)
+    fell_silent = world.clock.now()
+    assert LEFT in world.fail(4.0)
+    moving = [at for at, m in set_points(world) if (m.vx, m.vy, m.vz) != (0.0, 0.0, 0.0)]
+    assert moving[-1] - fell_silent < 2.0
+    world.stand_still(1.0)
+
+
+@BOTH
+def test_reports_of_the_mode_that_are_late_only_stop_the_vehicle_meanwhile(make: Callable[[], Any]) -> None:
+    world = hunting(make(), take_off=10.0, height=2.0)
+    for _ in range(3):
+        world.between = without(HEARTBEAT, MAVLINK_MSG_ID_CURRENT_MODE)
+        world.pass_s(1.9)
+        world.between = bytes
+        world.pass_s(1.2)
+    assert world.end() == ("found", "found")
 
 
 def test_an_autopilot_that_reports_its_mode_without_a_heartbeat_is_left_to_its_failsafe() -> None:

@@ -20,6 +20,7 @@ from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 BOUND_MS: Final = 100
 _AT_ONCE_S: Final = 0.02  # send an order within this time after a report was read
 _WAITED_S: Final = 0.25  # a report may have waited this long before it was read
+_LATE_S: Final = 1.5  # without a report of the mode for this time, the vehicle stops: its last set-point lasts 3 s
 SILENT_S: Final = 2.5  # without a report of the mode for this time, the authority is unknown
 _ASK_AGAIN_S: Final = 0.3
 
@@ -142,6 +143,10 @@ class Authority:
     def fresh(self, now: float) -> bool:
         """Return True if the mode was reported just now, so that an order may be sent."""
         return now - self._read_s <= _AT_ONCE_S and now - self._news_s <= _WAITED_S
+
+    def late(self, now: float) -> bool:
+        """Return True if the next report is late: it may be the pilot's mode, or the last report of all."""
+        return now - max(self._news_s, self._since) > _LATE_S
 
     def silent(self, now: float) -> bool:
         """Return True if the last report is so old that the authority over the vehicle is unknown."""

@@ -419,7 +419,9 @@ class Flight(MissionRun):
 
     def _steer(self, now: float, pose: FlownPose, mission: Mission) -> Position:
         """Order the velocity of the mission, and end it. Returns the velocity."""
-        plan, position, followed = self._setup.plan, pose.position, self._commander.authority.in_mode
+        plan, position, authority = self._setup.plan, pose.position, self._commander.authority
+        late = authority.late(now)
+        followed = authority.in_mode and not late
         height = self._setup.ground.height(now, pose.state, self._down if followed else 0.0)
         velocity = mission.fly(now - self._skipped_s, position, receiver=pose.receiver, height=height)
         if mission.ended or not followed:
@@ -428,6 +430,8 @@ class Flight(MissionRun):
             velocity = self._detour.around(now, velocity)
         if self._team:
             velocity = self._team.apart(position, velocity, plan.speed * mission.pace)
+        if late:
+            velocity = STAY
         self._commander.steer(velocity)
         self._down = velocity[2]
         if why := self._detour.observe(now, velocity, position, as_position(pose.state.velocity)):
