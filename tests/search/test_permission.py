@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -35,6 +36,7 @@ from tests.search.test_client import (
     Port,
     World,
     ardupilot,
+    changed,
     flown,
     px4,
     silent,
@@ -516,6 +518,24 @@ def test_heights_are_above_home_and_places_from_where_it_hovered() -> None:
     assert first.down_m == pytest.approx(-6.0, abs=0.3)
     world.until(lambda: world.ned[2] > -1.6)
     assert world.client.origin.lla([0.0, 0.0, 0.0])[2] == pytest.approx(1650.0, abs=0.1)
+
+
+@BOTH
+def test_without_a_rangefinder_it_searches_no_lower_than_it_hovered(make: Callable[..., Any]) -> None:
+    """The ground there may be higher than home, here by 5 m."""
+    world = taking_over(airborne(partial(make, sensors=dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE)), height=3.0)
+    world.between = changed(dialect.MAVLINK_MSG_ID_HOME_POSITION, "altitude", lambda mm: mm - 5000)
+    lowest = math.inf
+
+    def arrived() -> bool:
+        nonlocal lowest
+        lowest = min(lowest, -world.ned[2])
+        return world.client.mission is not None and world.client.mission.ended is not None
+
+    world.until(arrived)
+    assert math.dist(world.ned[:2], VICTIM) < 2.5
+    assert lowest > 5.5
+    assert world.end() == ("found", "found")
 
 
 @pytest.mark.parametrize(

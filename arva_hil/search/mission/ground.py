@@ -238,6 +238,9 @@ class Ground:
         sure, start = [name for name in altitudes if name != "GPS"], self._motion.start
         if motion.time_s == start.time_s and not self._plan.take_over:
             self._range.begin(start, motion.climbed - max(altitudes[name] for name in sure), sure)
+        elif motion.time_s == start.time_s and distance is None:  # the ground may be higher than home: sink no lower
+            for name, metres_up in altitudes.items():
+                self._levels[name].highest = max(0.0, metres_up - self._plan.height)
         _, x, y, _ = state.attitude
         level = 1 - 2 * (x * x + y * y)  # the cosine of the tilt
         if distance is None or level < _LEVEL:
