@@ -70,7 +70,7 @@ Why = Enum(
         "CLOCK_BACK",
         "PLACE_JUMPED",  # metres
         # The commander has lost the vehicle, or gives it up.
-        "MODE_UNKNOWN",  # seconds
+        "MODE_UNKNOWN",  # seconds, late_s: 0 without a question
         "NO_RADIO",
         "NOT_DONE",  # phase, because
         "NO_EXPLANATION",

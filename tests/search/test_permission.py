@@ -640,6 +640,16 @@ def test_a_slow_link_is_no_ground_below_a_hover(make: Callable[..., Any]) -> Non
     assert not world.client.mission.ended
 
 
+@BOTH
+def test_on_a_slower_link_it_is_not_taken_over(make: Callable[..., Any]) -> None:
+    """An order would arrive after a switch of the pilot that is not reported here yet, and override it."""
+    world = taking_over(airborne(make))
+    delay(world, 0.6)
+    late = "the vehicle has not reported its mode for 2.5 s, or not within 0.5 s of a question"
+    assert world.fail() == f"{late}; it was not taken over"
+    assert world.orders() == []
+
+
 @pytest.mark.parametrize("stick_s", [0.7, None])
 def test_an_order_that_is_in_transmission_is_undone(stick_s: float | None) -> None:
     """The pilot moves a stick, or the person stops the search, before the vehicle's new mode has arrived here."""

@@ -22,7 +22,7 @@ _AT_ONCE_S: Final = 0.02  # send an order within this time after a report was re
 _WAITED_S: Final = 0.25  # a report may have waited this long before it was read
 _LATE_S: Final = 1.5  # without a report of the mode for this time, the vehicle stops: its last set-point lasts 3 s
 SILENT_S: Final = 2.5  # without a report of the mode for this time, the authority is unknown
-_ASK_AGAIN_S: Final = 0.3
+ANSWER_S: Final = 0.5  # a later answer does not count: while it is on its way, so may be a switch of the pilot
 
 MODE_WANTED: Final = {dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0, MAVLINK_MSG_ID_CURRENT_MODE: 10.0}
 """The messages that report the mode, and their rates [Hz]. ArduCopter sends the first, PX4 the second."""
@@ -123,10 +123,11 @@ class Authority:
         """Return the TIMESYNC to send now, if any. Call `asked` after it was sent."""
         if not self._question or now < self._next_question:
             return None
+        self._question = secrets.randbits(62) | 1
         return dialect.MAVLink_timesync_message(0, self._question)
 
     def asked(self, now: float) -> None:
-        self._next_question = now + _ASK_AGAIN_S
+        self._next_question = now + ANSWER_S
 
     @property
     def holder(self) -> Holder:

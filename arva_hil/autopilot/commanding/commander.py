@@ -318,7 +318,7 @@ class Commander(FlightState):
             raise ValueError("its pose, its home or its mode is not known")
         self.origin = place._replace(alt=home[2])
         self.sticks.mark()
-        self.authority.begin(now)
+        self.authority.doubt(now)
         self.authority.borrow()
         self._enter(Phase.FLYING, now, self._modes.steer)
         self._times.next_order = now + _FLOWING_S
@@ -370,7 +370,10 @@ class Commander(FlightState):
         """Change to the next phase if this one has ended, or has taken too long."""
         late, in_mode = now - self._times.since, self.authority.in_mode
         if self.authority.silent(now):
-            self._lose(because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S))
+            late_s = 0.0 if self.authority.settled else authority.ANSWER_S
+            why = because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S, late_s=late_s)
+            if not self._leave_alone(now, why):
+                self._lose(why)
         elif not self.authority.settled:
             pass  # find out first who controls the vehicle
         elif self.phase is Phase.CLIMBING and self._climbed:

@@ -285,7 +285,8 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.CLOCK_AHEAD: "its clock is {seconds:.1f} s ahead of the one of the vehicle that was launched",
     Why.CLOCK_BACK: "it has rebooted, or it is not the vehicle that was launched: its clock has gone back",
     Why.PLACE_JUMPED: "its position has jumped by {metres:.0f} m, or it is another vehicle",
-    Why.MODE_UNKNOWN: "the vehicle has not reported its mode for {seconds:g} s",
+    Why.MODE_UNKNOWN: "the vehicle has not reported its mode for {seconds:g} s"
+    "{late_s:, or not within {late_s:g} s of a question|}",
     Why.NO_RADIO: "the autopilot receives no radio, so the pilot cannot have it",
     Why.NOT_DONE: lambda phase, because: f"the vehicle does not {_TASKS[phase]}: {in_words(because)}",
     Why.NO_EXPLANATION: "it gives no reason",
