@@ -8,7 +8,6 @@ from random import Random
 from typing import Final, NamedTuple
 
 from firmware_proto import INNER, MAX_CHANNELS, Channel, Command, Frame, encode
-from firmware_proto.binary import MAX_FRAME_BYTES
 from firmware_proto.commands import encode_command
 
 NO_ID: Final = 255
@@ -185,10 +184,11 @@ def _of_values() -> Iterator[Clause]:
     ]
     yield _clause("no-signal", "No signal", "d ≤ 0: no signal, and no earlier value is kept", frames)
 
-    good = encode(_one(3, Channel(4, 1, 500, 5), status=0xC1))
     strange = _raw(1, 9, bytes([2, 1, 1, 4, 3, 244, 1, 5, 0]))
-    frames = [_one(2, Channel(4, 3, 500, 5)), _one(3, Channel(4, 1, 500, 5))]
-    yield _clause("unknown", "Status", "unknown zones and status bits are no fault", frames, strange, good)
+    frames = [_one(3 + k, Channel(4, 1, 500, 5), status=status) for k, status in enumerate((0xC1, 0, 2, 4, 8, 16, 32))]
+    text = "unknown zones and status bits are no fault, and a frame of any status is printed"
+    steps = [strange, *map(encode, frames)]
+    yield _clause("unknown", "Status", text, [_one(2, Channel(4, 3, 500, 5)), *frames], *steps)
 
 
 def _of_checks() -> Iterator[Clause]:
@@ -236,9 +236,11 @@ def _of_checks() -> Iterator[Clause]:
 
 def _of_cuts() -> Iterator[Clause]:
     """Yield the clauses about frames in pieces, and bytes between them."""
-    frames = _frames(MAX_FRAME_BYTES // 4, 3)
-    cuts = [encode(frame) for frame in frames]
-    steps = [Step(part, 0.002) for k, raw in enumerate(cuts) for part in (raw[: k + 1], raw[k + 1 :]) if part]
+    frames = _frames(27, 3)
+    first, *others = map(encode, frames)
+    steps = [Step(first, lines=3)]  # the decoder has started, and sees the pauses
+    for k, raw in enumerate(others, 1):
+        steps += [Step(raw[:k], 0.03 if k == 1 else 0.002), Step(raw[k:], 0.002)]  # 30 ms: an adapter for USB
     yield _clause("split", _RULES, "a frame may be cut at every byte", frames, *steps)
 
     frames = _frames(2, 2)
@@ -256,9 +258,10 @@ def _of_cuts() -> Iterator[Clause]:
         data += noise.replace(_SYNC + b"\x01", b"\x00") + b"\x00" + encode(frame)
     yield _clause("noise", _RULES, "bytes between frames cost no frame", frames, data)
 
-    frames = _frames(3)
-    data = b"\xa4" + encode(frames[0]) + b"\xa4\xa4" + encode(frames[1]) + b"\xa4\x57\xa4\x57\x01" + encode(frames[2])
-    yield _clause("sync", _RULES, "a sync byte before a frame costs no frame", frames, data)
+    cuts = [b"\xa4", b"\xa4\xa4", b"\xa4\x57\xa4\x57\x01", *(_FALSE_HEAD[:size] for size in (2, 3, 4, 5, 6))]
+    frames = _frames(len(cuts))
+    data = b"".join(cut + encode(frame) for cut, frame in zip(cuts, frames, strict=True))
+    yield _clause("sync", _RULES, "the beginning of a head before a frame costs no frame", frames, data)
 
     yield _clause(
         "inside",
@@ -316,8 +319,10 @@ def _of_time() -> Iterator[Clause]:
         encode(second),
     )
 
-    frames = _frames(1098, 16)
-    yield _clause("burst", "Timing", "115 kB may come at once", frames, b"".join(map(encode, frames)))
+    frames, data = _frames(1800, 9), b""
+    for frame in frames:
+        data += encode(frame) + b"\0"  # 64 bytes: no read cuts a frame, so a slow decoder sees no pause in one
+    yield _clause("burst", "Timing", "115 kB may come at once", frames, data)
 
     (frame,) = _frames(1)
     half = encode(_one(1, Channel(2, 1, 400, 4)))[:-1]

@@ -1,7 +1,7 @@
 # ruff: noqa: E501
 """Mistakes in the decoders of firmware_proto, each of which a clause of `conform` must find.
 
-python -m tools fuzz mutants [NAME…]     all 60, or some; exit code 1 if one is not found
+python -m tools fuzz mutants [NAME…]     all 63, or some; exit code 1 if one is not found
 """
 
 from __future__ import annotations
@@ -77,6 +77,9 @@ MUTANTS: Final = [
         ("15-channels", "channels", "bytes[3] > LENGTH(ARVA_MAX_CHANNELS)", "bytes[3] > LENGTH(ARVA_MAX_CHANNELS - 1)"),
         ("any-count", "count", "return bytes[3] == LENGTH(bytes[6]) ? BYTES(bytes[6]) : 0;", "return bytes[3] + 6u;"),
         ("drops-candidate", "resync", "        decoder->dropped++;\n        at++;", "        decoder->dropped++;\n        at += need ? need : 1;"),
+        ("drops-head", "sync", "        at++;\n", "        at += need == 0 && size - at > 3 && head[1] == SYNC_1 && head[2] == VERSION ? 4 : 1;\n"),
+        ("synthetic-only", "unknown", "if (decoder->on_frame == NULL) {", "if (decoder->on_frame == NULL || !(bytes[5] & ARVA_SYNTHETIC)) {"),
+        ("short-pause", "split", ">= ARVA_PAUSE_MS)", ">= ARVA_PAUSE_MS / 10)"),
         ("no-time", "false-head", ">= ARVA_PAUSE_MS)", ">= 1000u * ARVA_PAUSE_MS)"),
         ("old-half", "pause", ">= ARVA_PAUSE_MS)", ">= 50u * ARVA_PAUSE_MS)"),
         ("d-of-delta", "distance", "channel->d_cm = get_int16(bytes + 2);", "channel->d_cm = get_int16(bytes + 4);"),
