@@ -271,7 +271,7 @@ def replace(path: Path, data: bytes) -> None:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-_SAME: Final = "seed scenario noise wind_m_s gps_noise_m take_off_m drones height_m speed_m_s limit_s".split()
+_SAME: Final = "seed scenario noise wind_m_s gps_noise_m take_off_m drones".split()  # height, speed, limit: by strategy
 _Z: Final = 1.959963984540054  # of the standard normal distribution, 97.5 %
 
 Pair = tuple[float, float]

@@ -92,8 +92,9 @@ def test_a_place_found_has_its_error_relative_to_the_vehicle_beside_that_on_eart
 @pytest.mark.usefixtures("uncharted")
 def test_differences_are_of_pairs_and_the_table_is_latex() -> None:
     flux = [replace(one, seed=n) for n, one in enumerate(runs(0.5, 1.0, None, 9.0))]
-    other = [
-        replace(one, seed=n, time_s=one.time_s + n) for n, one in enumerate(runs(0.5, 1.0, 1.0, 9.0, strategy="a_b"))
+    other = [  # at its own speed
+        replace(one, seed=n, time_s=one.time_s + n)
+        for n, one in enumerate(runs(0.5, 1.0, 1.0, 9.0, strategy="a_b", speed_m_s=2.0, height_m=5.0, limit_s=99.0))
     ]
     (one,) = differences([*flux, *other, replace(ONE, seed=99, strategy="a_b")], 2.0)
     assert (one.strategy, one.other, one.trials) == ("a_b", "flux", 4)
