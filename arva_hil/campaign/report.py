@@ -70,7 +70,7 @@ def _compared(rows: Sequence[TrialRow], success_m: float) -> Iterator[str]:
     """Yield the difference of each strategy to the first one on the same trials, with 95 % intervals."""
     for one in differences(rows, success_m):
         rate = _interval(*(100 * x for x in one.success), form="+.1f", unit="points")
-        time = _interval(*one.time_s, form="+.0f", unit="s") if one.time_s else "no pair of successes"
+        time = _interval(*one.time_s, form="+.0f", unit="s") if one.time_s else "of fewer than two pairs of successes"
         yield f"{one.strategy} against {one.other} on {one.trials} trials: success {rate}, time {time}"
 
 

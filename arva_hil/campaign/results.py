@@ -26,6 +26,7 @@ from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.errors import ArvaError
 from arva_hil.links import files
 from arva_hil.safe_text import cell, one_line
+from arva_hil.search.strategies.analysis import FAILED as STRATEGY_FAILED
 
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"
@@ -75,7 +76,7 @@ class TrialRow(Result, Conditions):
 
     @property
     def failed(self) -> bool:
-        return self.outcome.startswith(FAILED)
+        return self.outcome.startswith((FAILED, STRATEGY_FAILED))
 
     def success(self, within_m: float) -> bool:
         return self.outcome == FOUND and self.error_m is not None and self.error_m <= within_m
@@ -305,7 +306,6 @@ class Summary:
     """
 
     runs: int
-    failed: int
     successes: int
     interval: Pair
     time_s: Pair | None
@@ -329,11 +329,10 @@ def wilson(successes: int, runs: int) -> Pair:
 
 
 def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
-    """Return the statistics of rows. A run that failed with an error of the program counts as a run without success."""
+    """Return the statistics of rows. A run that failed counts as a run without success."""
     good = [row for row in rows if row.success(success_m)]
     return Summary(
         len(rows),
-        sum(row.failed for row in rows),
         len(good),
         wilson(len(good), len(rows)),
         _spread([row.time_s for row in good]),

@@ -180,6 +180,7 @@ def _hold(lifeline: Connection) -> None:
         os._exit(0)
 
     threading.Thread(target=watch, name="lifeline", daemon=True).start()
+    sys.stdout = sys.stderr  # for what a strategy prints: stdout has the results
     gc.freeze()
 
 

@@ -9,6 +9,7 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from arva_hil.campaign.plan import Planned, trials
@@ -59,6 +60,14 @@ def last_free(folder: Path) -> float:
     """The last seed that flies: what is in the file `open`, all if it is empty."""
     file = folder / "open"
     return float(file.read_text() or "inf") if file.exists() else FREE
+
+
+def failing(trial: Trial) -> Result:
+    """A strategy that prints, and fails at every second seed."""
+    print("here I am")
+    if trial.scenario.seed % 2:
+        return replace(fake(trial), outcome="the strategy has failed: velocity returned None")
+    return fake(trial)
 
 
 def raising(trial: Trial) -> Result:

@@ -60,7 +60,7 @@ def test_of_nothing_nothing_is_known() -> None:
 def test_sums_are_those_worked_out_by_hand() -> None:
     crash = replace(ONE, outcome="failed: OSError: x", error_m=None)
     s = summary([*runs(0.5, 1.0, 2.0, 5.0, None), crash], success_m=2.0)
-    assert (s.runs, s.failed, s.successes, s.rate) == (6, 1, 3, 0.5)
+    assert (s.runs, s.successes, s.rate) == (6, 3, 0.5)
     assert (s.time_s, s.path_m) == (pytest.approx((20.0, 28.0)), pytest.approx((18.0, 25.2)))
     assert s.earth.error_m == pytest.approx((1.5, 4.1))  # the place 5 m off was reported, too
 
@@ -78,6 +78,7 @@ def test_the_table_has_a_line_for_each_strategy_with_its_interval() -> None:
     assert re.split(r"\s{2,}", estimate) == ["estimate", "2", "0", "0.0 %", "0.0–65.8 %", *"––", *nothing, *nothing]
     assert "within 2 m" in foot
     assert compared.startswith("estimate against flux on 1 trials: success ")
+    assert compared.endswith(", time of fewer than two pairs of successes")
 
 
 @pytest.mark.usefixtures("uncharted")

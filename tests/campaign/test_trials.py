@@ -77,6 +77,13 @@ def test_a_trial_that_raises_has_that_for_an_outcome_and_the_others_go_on() -> N
     assert [result.outcome for result in exits.values()] == ["failed: SystemExit: enough"]
 
 
+def test_what_a_strategy_prints_goes_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
+    with processes(1) as crew:
+        assert len(flown(crew, fakes.failing)) == len(EVERY)
+    out, err = capfd.readouterr()
+    assert (out, err.count("here I am\n")) == ("", len(EVERY))
+
+
 def test_it_stops_between_two_results_when_told_to() -> None:
     got: list[str] = []
     with fakes.here(1) as crew:

@@ -20,6 +20,7 @@ import pytest
 
 from arva_hil.campaign import charts, runner, trial
 from arva_hil.campaign.results import opened, row
+from arva_hil.campaign.runner import Fly
 from arva_hil.cli import campaign
 from tests.campaign import fakes
 from tests.files import written
@@ -143,13 +144,23 @@ def test_a_dry_run_lists_the_trials_as_they_would_be_flown_and_touches_nothing(a
         assert json.loads(one).items() <= json.loads(other).items()
 
 
-def test_trials_that_fail_are_counted_and_flown_again(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("fly", "why"),
+    [
+        (fakes.raising, "failed: ZeroDivisionError: by nothing"),
+        (fakes.failing, "the strategy has failed: velocity returned None"),
+    ],
+    ids=["the program", "a strategy"],
+)
+def test_trials_that_fail_are_counted_and_flown_again(
+    arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch, fly: Fly, why: str
+) -> None:
     command = ("campaign", plan, "--json", "--out", plan.parent / "r")
-    monkeypatch.setattr(trial, "fly", fakes.raising)
+    monkeypatch.setattr(trial, "fly", fly)
     _, out, err = arva(*command, code=1)
-    assert out.count("\n") == TRIALS
-    assert f"18 of {TRIALS} trials failed; the first one: failed: ZeroDivisionError: by nothing" in err
-    assert "failed: ZeroDivisionError: by nothing" in (plan.parent / "r" / "report.html").read_text()
+    assert len([json.loads(line) for line in out.splitlines() if line != "here I am"]) == TRIALS  # threads fly here
+    assert f"18 of {TRIALS} trials failed; the first one: {why}" in err
+    assert why in (plan.parent / "r" / "report.html").read_text()
     monkeypatch.setattr(trial, "fly", fakes.fake)
     assert arva(*command).out.count("\n") == 18
     assert rows(plan.parent / "r") == TRIALS

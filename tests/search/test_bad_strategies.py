@@ -26,7 +26,7 @@ from arva_hil.events.words.reasons import in_words
 from arva_hil.safe_text import shown
 from arva_hil.search.mission.choice import Guidance
 from arva_hil.search.mission.mission import Mission
-from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Inline, Order
+from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Inline, Order, checked_found
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Velocity
 from arva_hil.search.strategies.strategy_process import StrategyProcess
@@ -188,6 +188,11 @@ def test_a_track_of_its_own_is_no_transmitter_that_moves(track: Any) -> None:
     """The name is used by the built-in strategies; one of somebody else may have it for anything."""
     world = World(ardupilot(), strategy=type("Own", (GoTo,), {"track": track}))
     assert world.end() == ("found", "found")
+
+
+@pytest.mark.parametrize("north", [math.nan, math.inf, 1e300])
+def test_a_place_that_is_not_on_earth_is_none(north: float) -> None:
+    assert checked_found(Found(north, 0.0)) is None
 
 
 def test_arrays_are_places_too() -> None:
@@ -388,6 +393,12 @@ def test_one_that_fails_is_named_with_its_error(does: Callable[[], Any], said: s
         failed = steered(worker).failed
     assert failed.startswith(f"the strategy has failed: {said}")
     assert failed.endswith(CURE)
+
+
+def test_what_it_prints_goes_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
+    with process(lambda: print("here I am", flush=True)) as worker:
+        steered(worker)
+    assert capfd.readouterr() == ("", "here I am\n")
 
 
 def test_its_exit_code_is_reported_although_its_pipe_ends_before() -> None:

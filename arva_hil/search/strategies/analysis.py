@@ -24,7 +24,18 @@ from arva_hil.safe_text import shown
 from arva_hil.search.strategies.agreement import Evidence
 from arva_hil.search.strategies.explained import dipole_at
 from arva_hil.search.strategies.history import Track
-from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Strategy, Velocity, sigma_of
+from arva_hil.search.strategies.strategy import (
+    FARTHEST_M,
+    Belief,
+    Found,
+    Observation,
+    Position,
+    Strategy,
+    Velocity,
+    sigma_of,
+)
+
+FAILED: Final = "the strategy has failed: "  # begins the outcome of its search
 
 _REMEMBERED: Final = 256  # observations of each transmitter
 _NEWEST_S: Final = 2.0  # age of the readings that confirm a transmitter
@@ -232,7 +243,7 @@ def checked_velocity(said: Any) -> Velocity:
 
 
 def checked_found(said: Any) -> Found | None:
-    """Return the value of `found`, None if a coordinate is not finite. Raises StrategyError unless it is a Found."""
+    """Return the value of `found`, None if it is not on Earth. Raises StrategyError unless it is a Found."""
     if said is None:
         return None
     if not isinstance(said, Found):
@@ -246,23 +257,23 @@ def checked_found(said: Any) -> Found | None:
 def failed(error: BaseException) -> str:
     """Return the outcome of a search whose strategy has raised this error."""
     said = str(error) if isinstance(error, StrategyError) else f"{_shown(error)}{_where(error)}"
-    return f"the strategy has failed: {said}; {_CURE}"
+    return f"{FAILED}{said}; {_CURE}"
 
 
 def silent(took_s: float) -> str:
     """Return the outcome of a search whose strategy does not answer any more."""
-    return f"the strategy has failed: it has not answered for {took_s:.1f} s; {_CURE}"
+    return f"{FAILED}it has not answered for {took_s:.1f} s; {_CURE}"
 
 
 def killed(exit_code: int) -> str:
     """Return the outcome of a search whose strategy process has ended or was killed by a signal."""
     why = f"signal {-exit_code}" if exit_code < 0 else f"exit code {exit_code}"
-    return f"the strategy has failed: its process has ended ({why}); {_CURE}"
+    return f"{FAILED}its process has ended ({why}); {_CURE}"
 
 
 def _sound(found: Found) -> Found | None:
-    """Return the place without its invalid optional values; None if a coordinate is not finite."""
-    if not math.isfinite(found.north + found.east):
+    """Return the place without its invalid optional values; None if it is not on Earth."""
+    if not math.hypot(found.north, found.east) < FARTHEST_M:  # true for NaN
         return None
     values = {name: value for name, value in found._asdict().items() if value is not None and np.isfinite(value).all()}
     for name, value in values.items():

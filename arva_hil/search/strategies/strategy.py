@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-_FARTHEST_M: Final = 1e8  # no place on Earth is as far away
+FARTHEST_M: Final = 1e8  # no place on Earth is as far away
 
 Velocity = tuple[float, float]  # north, east; m/s
 Position = tuple[float, float, float]  # NED, m
@@ -49,7 +49,7 @@ class Observation(NamedTuple):
     def finite(self) -> bool:
         """True if the pose is made of finite numbers, and its place is on Earth."""
         north, east, down = map(abs, self.position)
-        on_earth = north < _FARTHEST_M and east < _FARTHEST_M and down < _FARTHEST_M  # false for NaN
+        on_earth = north < FARTHEST_M and east < FARTHEST_M and down < FARTHEST_M  # false for NaN
         return on_earth and all(map(math.isfinite, self.rotation.flat))
 
     @property

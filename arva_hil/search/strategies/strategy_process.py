@@ -65,6 +65,7 @@ class StrategyProcess:
 def _serve(parent: Connection, pipe: Connection, make: Callable[[], Strategy]) -> None:
     """Follow orders until the parent ends. The parent ends this process: after a signal it still needs answers."""
     parent.close()  # or the pipe would never end
+    sys.stdout = sys.stderr  # for what the strategy prints: stdout has the results of the command
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
     if sys.platform == "linux":  # elsewhere the memory has no limit, and the end of the pipe ends the process
