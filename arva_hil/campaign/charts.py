@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from arva_hil.campaign.results import Difference, TrialRow, differences, groups, wilson
-from arva_hil.records.pictures.style import GREY, PALETTE, SCREEN, Format, Print, saved, styled
+from arva_hil.records.pictures.style import GREY, PALETTE, SCREEN, Format, Print, plain, saved, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +80,7 @@ def _success(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
         rates, *arms = zip(*(_rate(mine, success_m) for mine in each if mine), strict=True)
         axes.errorbar(rates, at, xerr=arms, fmt="o", ms=5, lw=2, color=colour, label=strategy)
     axes.set(xlim=(-2, 102), xlabel="success, %", ylim=(len(lines) - 0.5, -0.5))
-    axes.set_yticks(range(len(lines)), [textwrap.fill(line, 20) for line in lines])
+    axes.set_yticks(range(len(lines)), ["\n".join(map(plain, textwrap.wrap(line, 20))) for line in lines])
     axes.grid(visible=False, axis="y")
 
 

@@ -229,7 +229,10 @@ def test_texts_of_a_plan_and_of_trials_are_texts_on_the_page() -> None:
     assert "<h1>&amp;amp;&lt;i&gt;</h1>" in page
 
 
-@pytest.mark.parametrize("rows", [runs(0.0), runs(None, strategy="x" * 40), [replace(ONE, distance_m=None)]])
+@pytest.mark.parametrize(
+    "rows",
+    [runs(0.0), runs(None, strategy="x" * 40), [replace(ONE, distance_m=None)], runs(0.0, scenario=r"$\frac$")],
+)
 def test_any_rows_make_a_page(rows: list[TrialRow]) -> None:
     assert report.page("p", rows, 2.0).count("<figure>") == 3
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from arva_hil.campaign.range_test.data_sheet import DataSheet, Row
-from arva_hil.records.pictures.style import MOST_POINTS, PALETTE, figure, saved, styled, thinned
-from arva_hil.safe_text import one_line
+from arva_hil.records.pictures.style import MOST_POINTS, PALETTE, figure, plain, saved, styled, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +43,7 @@ def draw_heard(axes: Axes, sheet: DataSheet) -> None:
         axes.plot(middle, 100 * some[there] / all_[there], color=colour, ls=style, label=row.name)
         if row.mean_m is not None:
             axes.axvline(row.mean_m, color=colour, ls=style, lw=0.9, alpha=0.6)
-    of = f" of {one_line(sheet.name)}" if sheet.name else ""
+    of = f" of {plain(sheet.name)}" if sheet.name else ""
     axes.set(xlabel="true range, m", ylabel="frames that contain it, %", ylim=(-3, 103), xlim=(0, farthest))
     axes.set_title(f"Range{of}: vertical lines are first stable signals")
     axes.legend(loc="best")
