@@ -113,8 +113,8 @@ class Px4:
         return bytes(out)
 
     def _as_px4(self, packet: Packet) -> bytes:
-        message: Any = decode(packet)
         if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            message: Any = decode(packet)
             message.autopilot, message.custom_mode = dialect.MAV_AUTOPILOT_PX4, self.mode
             remote = _RC if self.manual else 0
             enabled, health = _GYRO | _RC, (_GYRO if self.healthy else 0) | remote
@@ -122,9 +122,8 @@ class Px4:
             return self._encoder.pack(message) + self._encoder.pack(status)
         if packet.msgid == dialect.MAVLINK_MSG_ID_STATUSTEXT:  # is for ground stations
             return b""
-        if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_ACK and message.target_component == _OURS:
-            return b""
-        return packet.raw
+        ours = packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_ACK and decode(packet).target_component == _OURS
+        return b"" if ours else packet.raw
 
     def _watch(self, now: float) -> None:
         if self.mode == TAKE_OFF and -self.truth(now).ned[2] > self._top - 0.8:

@@ -7,9 +7,9 @@ import itertools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import fields
+from operator import mul
 from typing import Any
 
-import numpy as np
 import pytest
 
 from arva_hil.autopilot.following.session import Session
@@ -22,8 +22,9 @@ from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, decode, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
-from arva_hil.model.field import dipole_field, rotation
-from arva_hil.model.receiver.paper import outputs
+from arva_hil.model.field import rotation
+from arva_hil.model.field.dipole import one_field
+from arva_hil.model.receiver.paper import INNER_M, MID_M, near, output
 from arva_hil.runtime.loop import run
 from arva_hil.search.flight.client import SearchClient
 from arva_hil.search.flight.links import QUIET_S
@@ -32,11 +33,12 @@ from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import Found, Observation, Position, Velocity, towards
 from arva_hil.simulated import HOME, arducopter
 from arva_hil.simulated.autopilot import Mode
-from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle, Simulator, Truth
 from firmware_proto import INNER, MID, NOT_SEARCHING, SELF_TEST_FAULT, Channel, Decoder, Frame, encode
 from tests.simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 
 VICTIM = (8.0, 3.0)  # north, east of home
+KAPPA = 1.542  # of the receiver
 US = 193
 HEARTBEAT, GLOBAL_POSITION = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 INTERRUPTED = in_words(because(Why.INTERRUPTED))
@@ -87,6 +89,16 @@ def frames(now: float, d_cm: int = 900, delta_deg: int = 20) -> bytes:
     """What a receiver says that hears two transmitters; the second one always 20 m away."""
     zone = INNER if d_cm <= 300 else MID
     return encode(Frame(round(now * 5) % 256, 1, (Channel(1, zone, d_cm, delta_deg), Channel(2, MID, 2000, 5))))
+
+
+def read(truth: Truth, victim: tuple[float, float]) -> tuple[int, int, int]:
+    """What a receiver shows of a transmitter on the ground, whose dipole points north: d [cm], δ [°] and the zone."""
+    north, east, down = truth.ned
+    _, *h = one_field(north - victim[0], east - victim[1], down, 1 / (4 * math.pi), 0.0, 0.0)
+    x, y, z = (sum(map(mul, h, column)) for column in zip(*rotation.matrix(*truth.quaternion), strict=True))
+    shown = output((x, y, z), math.cbrt(KAPPA / (4 * math.pi)), near(KAPPA, INNER_M), INNER_M, MID_M)
+    assert shown is not None
+    return shown
 
 
 class World:
@@ -166,7 +178,7 @@ class World:
         self.until(lambda: self.client._commander.phase.name.lower() == phase)
 
     def hunt(self) -> None:
-        self.until(lambda: self.client.mission and self.client.mission.choice.hunting and math.hypot(*self.ned[:2]) > 2)
+        self.until(lambda: self.client.mission and self.client.mission.choice.hunting and self.flown_m > 2)
 
     def fail(self, within_s: float = 240.0) -> str:
         """Go on until it fails, and return why."""
@@ -193,14 +205,17 @@ class World:
 
     def frames(self, now: float) -> bytes:
         """What the receiver hears at its true place of a transmitter at `VICTIM`, whose dipole points north."""
-        truth = self.vehicle.truth(now)
-        field = dipole_field(np.array(truth.ned), np.array([[*VICTIM, 0.0]]), np.eye(3)[None], np.ones(1))
-        (d_cm,), (delta_deg,), _ = outputs(field @ rotation.to_matrix(truth.quaternion), 1.542)
-        return frames(now, int(d_cm), int(delta_deg))
+        d_cm, delta_deg, _ = read(self.vehicle.truth(now), VICTIM)
+        return frames(now, d_cm, delta_deg)
 
     @property
     def ned(self) -> tuple[float, float, float]:
         return self.vehicle.truth(self.clock.now()).ned
+
+    @property
+    def flown_m(self) -> float:
+        """How far from home the search believed to be at its last step."""
+        return math.hypot(self.rows[-1].north_m, self.rows[-1].east_m) if self.rows else 0.0
 
     @property
     def mode(self) -> int:

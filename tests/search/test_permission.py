@@ -452,7 +452,7 @@ def test_a_fence_below_the_flight_is_no_reason_against_it(
 # -- A search that begins in the air: only on request, only from a hover, and by the pilot's leave --------
 
 
-BEFORE_S = 60.0
+BEFORE_S = 25.0
 
 
 def airborne(
@@ -466,29 +466,29 @@ def airborne(
     def tell(message: Any, then_s: float) -> None:
         nonlocal now
         vehicle.feed(encoder.pack(message), now)
-        for _ in range(round(then_s * 10)):
-            now += 0.1
+        for _ in range(round(then_s * 2)):
+            now += 0.5
             vehicle.poll(now)
 
-    def order(number: int, *params: float, then_s: float = 0.1) -> None:
+    def order(number: int, *params: float, then_s: float = 0.5) -> None:
         tell(command(1, 1, number, *params), then_s)
 
-    def enter(wanted: int, then_s: float = 0.1) -> None:
+    def enter(wanted: int, then_s: float = 0.5) -> None:
         main, sub = (wanted >> 16 & 255, wanted >> 24) if is_px4 else (wanted, 0)
         order(dialect.MAV_CMD_DO_SET_MODE, 1, main, sub, then_s=then_s)
 
     if is_px4:
         nowhere = (math.nan,) * 3
         order(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-        order(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *nowhere, vehicle._ground_amsl + height, then_s=20)
+        order(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *nowhere, vehicle._ground_amsl + height, then_s=15)
     else:
         enter(Mode.GUIDED)
         order(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-        order(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height, then_s=15)
+        order(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height, then_s=9)
         place = (*at, -height)
         tell(
             dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xFF8, *place, 0, 0, 0, 0, 0, 0, 0, 0),
-            15,
+            14,
         )
     tell(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), -now - 0.5)
     enter((HOLD if is_px4 else Mode.LOITER) if mode is None else mode, then_s=0.5)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import pytest
 
 from arva_hil.events import Event
@@ -22,8 +21,6 @@ from arva_hil.events.searches import (
     VictimNoted,
 )
 from arva_hil.events.words.reasons import in_words
-from arva_hil.model.field import dipole_field, rotation
-from arva_hil.model.receiver.paper import outputs
 from arva_hil.search.mission.choice import LOOK_AGAIN, LastLook
 from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import conclusion
@@ -32,9 +29,9 @@ from arva_hil.search.strategies.analysis import TransmitterReadings
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.simulated.autopilot import Mode
-from firmware_proto import INNER, MID, MORE_TRANSMITTERS, Channel, Command, CommandAnswer, Frame, encode
+from firmware_proto import MORE_TRANSMITTERS, Channel, Command, CommandAnswer, Frame, encode
 from firmware_proto.commands import BINARY_HOST, BUSY, DONE, IDENTIFY, MARK, REFUSED, UNKNOWN
-from tests.search.test_client import BOTH, World, ardupilot
+from tests.search.test_client import BOTH, World, ardupilot, read
 from tests.search.test_mission import AT, LEVEL, NORTH, Scripted, beacon
 from tests.search.test_pilot import LOW, SYS_STATUS
 from tests.search.test_pilot import says as says_of_the_battery
@@ -437,10 +434,8 @@ def two(vehicle: Any, **plan: Any) -> World:
             noted.update(command.values if command.name == MARK else ())
             out += BINARY_HOST.answer(CommandAnswer(command.number, command.name, DONE))
         for id_, place in PLACES.items():
-            field = dipole_field(np.array(truth.ned), np.array([[*place, 0.0]]), np.eye(3)[None], np.ones(1))
-            (d_cm,), _, _ = outputs(field @ rotation.to_matrix(truth.quaternion), 1.542)
-            zone = INNER if d_cm <= 300 else MID
-            channels.append(Channel(id_, zone, int(d_cm), id_, id_ in noted))
+            d_cm, _, zone = read(truth, place)
+            channels.append(Channel(id_, zone, d_cm, id_, id_ in noted))
         return out + encode(Frame(round(now * 5) % 256, 1, tuple(channels)))
 
     world.port.says = says
