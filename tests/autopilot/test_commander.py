@@ -16,7 +16,6 @@ from pymavlink.generator.mavcrc import x25crc
 from arva_hil.autopilot.commanding.authority import HOLDERS, Authority, Holder
 from arva_hil.autopilot.commanding.commander import Commander, Phase, SetPoints
 from arva_hil.autopilot.commanding.complaints import Complaints
-from arva_hil.autopilot.commanding.sticks import Sticks
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.events.words.reasons import in_words
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
@@ -409,22 +408,6 @@ def test_what_is_answered_to_us_or_to_all_counts_and_no_other_answer(targets: li
         told.ack(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, FAILED, target)
     told.hear(6.0)
     assert in_words(told.commander.why) == f"the vehicle does not arm: {why}"
-
-
-def test_sticks_are_known_of_a_radio_that_is_there() -> None:
-    sticks = Sticks()
-    assert not sticks.known(0.0)
-    sticks.remote = True
-    assert not sticks.known(0.0)
-    for now in (0.0, 0.2):
-        sticks.on_message(dialect.MAVLink_rc_channels_message(0, 4, *[1500] * 18, 255), now)
-    assert sticks.throttle_in_middle(2.1)
-    assert not sticks.throttle_in_middle(2.3)
-    assert sticks.known(4.1)
-    assert not sticks.known(4.3)
-    sticks.mark()
-    sticks.remote = False
-    assert not sticks.known(2.0)
 
 
 # -- refusals ----------------------------------------------------------------------------------------------
