@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import random
@@ -28,7 +29,6 @@ from arva_hil.events import Event
 from arva_hil.events.reasons import Why, because
 from arva_hil.events.searches import FromSearch, SearchPaused
 from arva_hil.events.words.reasons import in_words
-from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
@@ -55,10 +55,9 @@ from arva_hil.search.strategies.flux import Flux
 from arva_hil.search.strategies.history import NOTHING, Cause, Explanation, Track
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity, sigma_of
-from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
-from firmware_proto import Decoder, encode
+from arva_hil.simulated.closed_loop import ClosedLoop
 from tests.every import every
-from tests.search.world import PAPER, fly, fly_to_buried
+from tests.search.world import PAPER, Flight, fly, fly_to_buried
 
 LONGEST_S = 60.0  # above a place, instead of four minutes
 
@@ -67,7 +66,7 @@ def frame(time_s: float, d_cm: int, delta_deg: int = 0, north: float = 0.0, east
     return Observation(time_s, (north, east, -1.0), np.eye(3), d_cm, delta_deg, 0 < d_cm <= 300)
 
 
-@pytest.mark.parametrize(("rate_hz", "speed"), [(0.5, 1.0), (5.0, 2.0), (50.0, 1.0)])
+@pytest.mark.parametrize(("rate_hz", "speed"), [(0.5, 1.0), (50.0, 2.0)])
 def test_at_any_rate(rate_hz: float, speed: float) -> None:
     flight = fly(Estimate(speed), PAPER[0], rate_hz=rate_hz, seed=1)
     assert flight.error_m < 0.3
@@ -179,7 +178,7 @@ def test_blanks_and_readings_of_another_transmitter_with_its_id_do_not_lead_astr
 
 
 def test_says_how_deep() -> None:
-    found = fly(Estimate(1.0), PAPER[2]).found
+    found = of_paper(Estimate, 2).found
     assert found.down == pytest.approx(1.0, abs=0.3)
 
 
@@ -193,9 +192,8 @@ def test_after_the_first_signal_it_follows_the_flux_line() -> None:
 
 def test_what_lies_behind_it_is_found_behind_it() -> None:
     """The field is the same 28 m ahead and behind: which, only the way flown tells."""
-    for north in (28.0, -28.0):
-        found = fly(Estimate(1.0), f"{{id: 1, ned: [{north}, 0, 1]}}").found
-        assert found.north == pytest.approx(north, abs=0.3)
+    found = fly(Estimate(1.0), "{id: 1, ned: [-28, 0, 1]}").found
+    assert found.north == pytest.approx(-28.0, abs=0.3)
 
 
 def test_goes_back_to_where_it_was_heard_best() -> None:
@@ -392,7 +390,7 @@ def test_readings_that_are_late_by_a_part_of_a_frame_do_not_move_the_place(monke
 
 def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed() -> None:
     rng, shares = np.random.default_rng(3), list[float]()
-    for sigma_m, tau_s, most_m in ((0.0, 600, 0.1), *((2.0, 600, 0.6), (1.0, 20, 1.4), (1.0, 5, 2.2)) * 3):
+    for sigma_m, tau_s, most_m in ((0.0, 600, 0.1), *((2.0, 600, 0.6), (1.0, 20, 1.4), (1.0, 5, 2.2)) * 2):
         drift = slow(rng, sigma_m, tau_s, 24)
         readings = readings_on(lambda k: ((8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k)), drift)
         place, covariance, *_ = now(readings, PLACE + drift.mean(axis=0))
@@ -720,7 +718,7 @@ class Turned(Estimate):
         super().observe(observation._replace(delta_deg=delta))
 
 
-@pytest.mark.parametrize(("degrees", "seed"), [(0, 1), (10, 0), (-12, 1)])
+@pytest.mark.parametrize(("degrees", "seed"), [(0, 1), (10, 0)])
 def test_the_place_is_right_and_a_large_angle_is_reported(degrees: int, seed: int) -> None:
     strategy = Turned(1.0)
     strategy.degrees = degrees
@@ -742,30 +740,11 @@ class Paused:
         self.count += isinstance(event, FromSearch) and isinstance(event.event, SearchPaused)
 
 
-def doubled(link: Link) -> Link:
-    """Send each frame twice, with sequence numbers of a receiver that is twice as fast."""
-    decoder, write = Decoder(), link.write
-
-    def twice(data: bytes) -> bool:
-        for frame in decoder.feed(data, 0.0):
-            number = 2 * frame.sequence
-            for one in (number, number + 1):
-                write(encode(frame._replace(sequence=one % 256)))
-        return True
-
-    link.write = twice  # type: ignore[method-assign]
-    return link
-
-
 @pytest.mark.parametrize(("rate_hz", "pauses"), [(0.2, True), (50.0, False)])
 def test_a_transmitter_is_found_with_a_receiver_of_any_rate(rate_hz: float, pauses: bool) -> None:
-    scenario = parse(
-        f"spec: 1\ntransmitters: [{{id: 1, enu: [4, 3, -1]}}]\nreceiver: {{rate_hz: {min(rate_hz, 50.0)}}}", "field"
-    )
-    taken, given = memory.pair()
-    wires = in_memory()._replace(port=(taken, doubled(given) if rate_hz > 50.0 else given))
+    scenario = parse(f"spec: 1\ntransmitters: [{{id: 1, enu: [4, 3, -1]}}]\nreceiver: {{rate_hz: {rate_hz}}}", "field")
     plan, paused, clock = SearchPlan(STRATEGIES["estimate"], area=(-30.0, -30.0, 30.0, 30.0)), Paused(), StepClock()
-    loop = ClosedLoop(scenario, plan, start=0.0, wires=[wires], stream_hz=10.0, observers=[paused])
+    loop = ClosedLoop(scenario, plan, start=0.0, stream_hz=10.0, observers=[paused])
     run(loop.tasks, clock, until=400.0, stopped=lambda: loop.drones[0].search.outcome is not None)
     outcome, error_m = loop.drones[0].search.outcome, loop.drones[0].error()
     assert (outcome.kind, in_words(outcome.how)) == ("found", "found")
@@ -809,22 +788,27 @@ ALL = [Estimate, Extremum, Flux]
 Maker = type[Estimate] | type[Extremum] | type[Flux]
 
 
-@pytest.mark.parametrize(("seed", "transmitter"), [*enumerate(PAPER)])
+@functools.cache
+def of_paper(make: Maker, case: int) -> Flight:
+    return fly(make(1.0), PAPER[case], height_m=1 + 0.2 * case, yaw=2.0 * case, seed=case)
+
+
+@pytest.mark.parametrize("case", range(len(PAPER)))
 @pytest.mark.parametrize(("make", "within_m", "within_s"), [(Estimate, 0.3, 45), (Extremum, 1, 250), (Flux, 1, 200)])
-def test_the_cases_of_the_paper(make: Maker, within_m: float, within_s: float, seed: int, transmitter: str) -> None:
-    flight = fly(make(1.0), transmitter, height_m=1 + 0.2 * seed, yaw=2.0 * seed, seed=seed)
+def test_the_cases_of_the_paper(make: Maker, within_m: float, within_s: float, case: int) -> None:
+    flight = of_paper(make, case)
     assert flight.error_m < within_m
     assert flight.fastest <= 1.0 + 1e-9
     assert flight.time_s < within_s
 
 
-@pytest.mark.parametrize(("transmitter", "rate_hz"), [(PAPER[0], 0.5), (PAPER[1], 5), (PAPER[3], 50)])
+@pytest.mark.parametrize(("transmitter", "rate_hz"), [(PAPER[0], 0.5), (PAPER[3], 50)])
 @pytest.mark.parametrize("make", [Extremum, Flux])
 def test_with_a_position_that_is_not_known_well_and_at_any_rate(make: Maker, transmitter: str, rate_hz: float) -> None:
     assert fly(make(1.0), transmitter, gps_m=0.3, rate_hz=rate_hz, seed=1).error_m < 2
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("make", "speed", "within_m"), [(Extremum, 2.0, 2), (Flux, 3.0, 1.5)])
 def test_however_it_lies_buried(make: Maker, speed: float, within_m: float, seed: int) -> None:
     flight = fly_to_buried(seed, make(speed), seed=seed)
@@ -854,8 +838,7 @@ class SetBack:
 
 @pytest.mark.parametrize(("make", "within_m"), [(Estimate, 0.3), (Extremum, 1), (Flux, 1)])
 def test_a_clock_that_is_set_back_ends_no_search(make: Maker, within_m: float) -> None:
-    for seed in (0, 2):
-        assert fly(SetBack(make(1.0)), PAPER[seed], height_m=1 + 0.2 * seed, seed=seed).error_m < within_m
+    assert fly(SetBack(make(1.0)), PAPER[0]).error_m < within_m
 
 
 @pytest.mark.parametrize("make", ALL)
@@ -873,7 +856,7 @@ def test_a_reading_without_a_place_is_passed_over(make: Maker) -> None:
 
 @pytest.mark.parametrize("make", ALL)
 def test_the_same_flight_again(make: Maker) -> None:
-    a, b = (fly(make(1.0), PAPER[1], gps_m=0.1, seed=1) for _ in range(2))
+    a, b = of_paper(make, 1), of_paper.__wrapped__(make, 1)
     assert (a.found, a.time_s) == (b.found, b.time_s)
 
 
