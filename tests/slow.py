@@ -95,7 +95,7 @@ SLOW: Final = {
     "observers/test_web.py::test_at_every_time_there_is_what_there_was_in_any_order": EXAMPLES,
     "observers/test_web.py::test_a_map_file_lies_where_it_is_on_earth": DRAWN,
     "observers/test_web.py::test_of_a_long_record_no_more_is_sent_than_a_page_can_draw": EXAMPLES,
-    "observers/test_web.py::test_a_million_readings_take_bounded_memory_and_the_newest_are_all_there": EXAMPLES,
+    "observers/test_web.py::test_many_readings_take_bounded_memory_and_the_newest_are_all_there": EXAMPLES,
     "pages/test_build.py": PAGES,
     "pages/test_command_lines.py": PROCESS,
     "pages/test_tutorial.py": REAL_TIME,

@@ -152,16 +152,16 @@ def test_a_pose_that_is_no_number_is_null(value: float) -> None:
     assert [one["id"] for one in document["transmitters"]] == [2]
 
 
-def test_a_million_readings_take_bounded_memory_and_the_newest_are_all_there() -> None:
+def test_many_readings_take_bounded_memory_and_the_newest_are_all_there() -> None:
     state = State("replay", "")
     version = 0
     for block in range(20):
         version = shown(state)["version"] if block == 19 else 0
-        state.update([made(0, d_cm=block + 1)] * 50_000)
+        state.update([made(0, d_cm=block + 1)] * 10_000)
     document = state.document()
     assert len(document) < 1_000_000
     (receiver,) = json.loads(document)["receivers"]
-    assert receiver["frames"] == 1_000_000
+    assert receiver["frames"] == 200_000
     assert len(receiver["points"]) <= 4500
     assert receiver["points"][-1][7][0][2] == 20
     assert shown(state, version)["full"]  # more than is kept came since
@@ -527,7 +527,7 @@ def test_asked_again_for_the_same_time_little_is_sent(flown: Path) -> None:
 def test_of_a_long_record_no_more_is_sent_than_a_page_can_draw(record: Path) -> None:
     lines = (record / "readings.csv").read_text().splitlines()
     first = [line.split(",") for line in lines[5:9]]
-    rows = [[cells[0], str(n / 50), *cells[2:]] for n in range(20_000) for cells in first]
+    rows = [[cells[0], str(n / 20), *cells[2:]] for n in range(8_000) for cells in first]
     (record / "readings.csv").write_text("\n".join([lines[0], *(",".join(cells) for cells in rows)]) + "\n")
     points = shown_at(RecordedState(load(record)), 300.0)["receivers"][0]["points"]
     assert 1000 < len(points) <= 3100
@@ -645,10 +645,10 @@ def test_a_map_file_lies_where_it_is_on_earth(tmp_path: Path, suffix: str) -> No
 
     lat, lon, _ = (float(x) for x in LocalFrame(*SUMMIT).lla([100.0, 200.0, 0.0]))  # the corner of four colours
     bounds = transform_bounds("EPSG:4326", "EPSG:3857", lon - 0.01, lat - 0.01, lon + 0.01, lat + 0.01)
-    colours = np.zeros((3, 1000, 1000), np.uint8)
-    colours[0, :500, :500], colours[1, :500, 500:], colours[2, 500:, 500:] = 255, 255, 255
-    where = {"crs": "EPSG:3857", "transform": from_bounds(*bounds, 1000, 1000)}
-    with rasterio.open(tmp_path / "map.tif", "w", width=1000, height=1000, count=3, dtype="uint8", **where) as file:
+    colours = np.zeros((3, 500, 500), np.uint8)
+    colours[0, :250, :250], colours[1, :250, 250:], colours[2, 250:, 250:] = 255, 255, 255
+    where = {"crs": "EPSG:3857", "transform": from_bounds(*bounds, 500, 500)}
+    with rasterio.open(tmp_path / "map.tif", "w", width=500, height=500, count=3, dtype="uint8", **where) as file:
         file.write(colours)
     if suffix == "mbtiles":
         copy(tmp_path / "map.tif", tmp_path / "map.mbtiles", driver="MBTiles", ZOOM_LEVEL_STRATEGY="UPPER")

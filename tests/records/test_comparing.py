@@ -154,10 +154,9 @@ FAR = [
 
 def test_noise_does_not_draw_the_lag_to_the_middle_between_two_readings(tmp_path: Path) -> None:
     """Five readings a second: the middle is 0.1 s off."""
-    for seed in (1, 2):
-        noisy = replace(DEFAULT, receiver=replace(DEFAULT.receiver, rate_hz=5.0), seed=seed)
-        record = rehearse(tmp_path / f"{seed}", noisy, FAR, seed=seed)
-        assert with_scenario(record, replace(noisy, seed=seed + 100)).lag_s == pytest.approx(0, abs=0.05)
+    noisy = replace(DEFAULT, receiver=replace(DEFAULT.receiver, rate_hz=5.0), seed=1)
+    record = rehearse(tmp_path / "r", noisy, FAR, seed=1)
+    assert with_scenario(record, replace(noisy, seed=101)).lag_s == pytest.approx(0, abs=0.05)
 
 
 def test_each_reading_is_in_one_part_of_the_time(tmp_path: Path) -> None:

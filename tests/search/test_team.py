@@ -47,7 +47,7 @@ from firmware_proto import Channel, Decoder, Frame
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
 WIDE = TeamField((-100.0, -100.0, 100.0, 100.0), FRAME, 2)
-TWO = "spec: 2\ntransmitters: [{id: 1, ned: [9, -11, 0.5]}, {id: 2, ned: [-8, 12, 1]}]"
+TWO = "spec: 2\ntransmitters: [{id: 1, ned: [-2, -2, 0.5]}, {id: 2, ned: [2, 2, 1]}]"  # nearer than two may fly
 
 
 def at(north: float, east: float, up: float) -> tuple[float, float, float]:
@@ -516,10 +516,10 @@ def test_a_vehicle_under_another_one_does_not_take_off(other: News, under: bool)
     assert mate.under_another == under
 
 
-@pytest.mark.parametrize(("until_s", "flies"), [(20.0, True), (200.0, False)])
+@pytest.mark.parametrize(("until_s", "flies"), [(10.0, True), (200.0, False)])
 def test_who_takes_off_late_waits_until_nobody_is_above(until_s: float, flies: bool) -> None:
-    """The first one hovers above the second one's place until then; the second one waits 30 s."""
-    clock, plan = StepClock(), SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20), timeout_s=30.0)
+    """The first one hovers above the second one's place until then; the second one waits 15 s."""
+    clock, plan = StepClock(), SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20), timeout_s=15.0)
     loop = ClosedLoop(several(parse(TWO, "test"), 2), plan, start=0.0, stream_hz=10.0)
     first, second = loop.drones
     lat, lon, alt = second.vehicle.truth(0.0).lla
@@ -600,7 +600,7 @@ def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart(field: 
     assert sorted(ids, key=str) == [1, 2]
     assert field.loop.found == {1, 2}
     assert all(error is None or error < 0.5 for error in (drone.error() for drone in field.loop.drones))
-    assert field.gap_m > 2.5
+    assert field.gap_m > 4.5
     assert not field.early
     for drone in field.loop.drones:  # nobody commands another's
         orders = [message for _, message in field.orders[drone.name] if not hasattr(message, "payload")]  # no TUNNEL
