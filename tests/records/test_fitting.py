@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from arva_hil.config import DEFAULT, Scenario, Transmitter, VehicleNoiseOptions,
 from arva_hil.config.profiles import parse_profile
 from arva_hil.config.receiver import Noise, ReceiverOptions
 from arva_hil.model.field import LocalFrame
-from arva_hil.records.fitting import FitError, FittedValue, ReceiverFit, flight_of
+from arva_hil.records.fitting import FitError, FittedValue, ReceiverFit, flight_of, start
 from arva_hil.records.fitting.fit import fit
 from arva_hil.records.fitting.noise_levels import noise_levels, noise_profile
 from arva_hil.records.fitting.profile import profile, scenario
@@ -26,6 +26,14 @@ from tools.figures.rehearsal import HOME, Waypoint, drawn, misses, mission, rehe
 GPS = Gps(1.5, 60.0)
 EXACT = Gps(0.05, 60.0)
 SHORT = mission(20.0, 5.0, 4.0)[:15]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_starts() -> Iterator[None]:
+    """The best two of the places from which a fit begins: each one more takes as long again."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(start, "_KEEP", 2)
+        yield
 
 
 def fitted(folder: Path, gps: Gps, model: str = "paper") -> ReceiverFit:
