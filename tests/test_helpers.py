@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import slow
+from tests import conftest, slow
 from tests.every import every
 from tests.order import dealt
 
@@ -94,6 +94,19 @@ def test_those_of_a_file_stay_in_order_and_together_by_four() -> None:
 
 
 # -- What `make test-fast` leaves out is there ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("wanted", "left_out"), [("not slow", True), ("not slow or counted", None), ("", None)])
+def test_a_file_of_slow_tests_is_not_imported_where_none_is_wanted(
+    wanted: str, left_out: bool | None, pytestconfig: pytest.Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pytestconfig.option, "markexpr", wanted)
+    here = Path(__file__).parent
+    ignored = [
+        conftest.pytest_ignore_collect(here / path, pytestconfig)
+        for path in ("search/test_pilot.py", "cli/test_run.py", "config/test_scenario.py", "search")
+    ]
+    assert ignored == [left_out, None, None, None]
 
 
 def test_what_is_called_slow_is_a_test() -> None:
