@@ -45,7 +45,7 @@ class Flight:
         self.stuck = None  # the channels of a receiver that says the same for ever
         self.status = SYNTHETIC
         self.repeats = False  # the same frame again and again, its number too
-        self._velocity = np.zeros(3)
+        self._velocity = [0.0] * 3
         self._frames = 0
         self._next_frame = self.autopilot.time_ms
 
@@ -63,9 +63,9 @@ class Flight:
                 self._frames += not self.repeats
             autopilot.run(autopilot.time_ms + 20)
             fresh = autopilot.velocity is not None and autopilot.time_ms - autopilot.velocity_ms < 3000
-            wanted = np.array(autopilot.velocity if fresh and autopilot.mode == GUIDED else (0, 0, 0))
-            self._velocity += (wanted - self._velocity) * 0.05
-            autopilot.position = [float(x) for x in autopilot.position + self._velocity * 0.02]
+            wanted = autopilot.velocity if fresh and autopilot.mode == GUIDED else (0, 0, 0)
+            self._velocity = [v + (w - v) * 0.05 for v, w in zip(self._velocity, wanted, strict=True)]
+            autopilot.position = [x + v * 0.02 for x, v in zip(autopilot.position, self._velocity, strict=True)]
             self._measure()
             if until(autopilot):
                 return True

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib import image
+from PIL import Image
 
 from arva_hil.cli.main import main
 from arva_hil.clock import StepClock, Waitable
@@ -615,11 +615,11 @@ def test_what_cannot_be_shown_is_an_error_that_says_so(
 SUMMIT = (46.0123, 7.7456, 1650.0)
 
 
-def pixel(made: Background, north_m: float, east_m: float) -> list[int]:
-    picture = image.imread(io.BytesIO(made.png))
-    side = len(picture)
-    at = int((REACH_M - north_m) / (2 * REACH_M) * side), int((east_m + REACH_M) / (2 * REACH_M) * side)
-    return [round(255 * float(value)) for value in picture[at]]
+def pixel(made: Background, north_m: float, east_m: float) -> tuple[int, ...]:
+    picture = Image.open(io.BytesIO(made.png)).convert("RGBA")
+    x, y = (int((REACH_M + metres) / (2 * REACH_M) * picture.width) for metres in (east_m, -north_m))
+    value: tuple[int, ...] = picture.getpixel((x, y))
+    return value
 
 
 def test_a_slope_is_bright_towards_the_sun_and_has_contour_lines() -> None:
