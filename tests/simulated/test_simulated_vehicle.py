@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.codec import command as order
+from arva_hil.simulated.multirotor import STEP_US, Multirotor
 from arva_hil.simulated.position import Home, PositionError
 from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
 from tests.every import every
@@ -569,6 +570,27 @@ def test_return_to_launch() -> None:
     assert not client.armed()
     assert math.hypot(*client.truth().ned[:2]) < 1.2
     assert client.height() < 0.01
+
+
+def test_no_order_makes_it_faster_than_a_small_multirotor() -> None:
+    vehicle = Multirotor((0.0, 0.0, 0.0))
+
+    def most(velocity: Vector, yaw_rate: float = 0.0) -> tuple[float, ...]:
+        """Its greatest horizontal and vertical speed, acceleration [m/s, m/s²] and yaw rate [rad/s] in 6 s."""
+        flown = []
+        for _ in range(600):
+            vehicle.step(velocity, yaw_rate, True)
+            flown.append(vehicle.at((vehicle.steps - 1) * STEP_US))
+        speeds = np.array([motion.velocity for motion in flown])
+        changes = np.diff(speeds, axis=0) * 1e6 / STEP_US
+        horizontal, vertical = (np.hypot(v[:, 0], v[:, 1]).max() for v in (speeds, changes))
+        return horizontal, vertical, np.abs(speeds[:, 2]).max(), np.abs(changes[:, 2]).max(), abs(flown[-1].rates[2])
+
+    assert most((0.0, 0.0, -1e3)) == pytest.approx((0.0, 0.0, 2.5, 2.5, 0.0), abs=0.1)
+    assert most((0.0, 0.0, 0.0), 1e3)[4] == pytest.approx(math.pi / 2, abs=0.01)
+    assert most((0.0, 0.0, 1e3))[2] == pytest.approx(1.5, abs=0.1)
+    most((0.0, 0.0, 0.0))
+    assert most((-6e3, 8e3, 0.0))[:2] == pytest.approx((10.0, 3.0), rel=0.05)
 
 
 def test_it_leans_against_the_wind() -> None:
