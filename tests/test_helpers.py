@@ -71,12 +71,12 @@ def pieces(workers: int) -> list[list[tuple[str, int, bool]]]:
     return found
 
 
-@pytest.mark.parametrize("workers", [1, 2, 3, 4, 6, 16, 400])
+@every("workers", [1, 2, 3, 4, 6, 16, 400])
 def test_every_test_is_run_once(workers: int) -> None:
     assert Counter(of(workers)) == Counter(TESTS)
 
 
-@pytest.mark.parametrize("workers", [2, 3, 4, 6])
+@every("workers", [2, 3, 4, 6])
 def test_each_worker_has_as_many_that_wait_and_ends_with_some_that_do_not(workers: int) -> None:
     waiting = [sum(map(waits, piece)) for piece in pieces(workers)]
     assert max(waiting) - min(waiting) <= 4

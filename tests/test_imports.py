@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.every import every
+
 ROOT = Path(__file__).parent.parent
 FLOORS = """mavlink model links config events autopilot emulator runtime search records observers simulated
     campaign bench api cli""".split()  # from the ground up: a room imports rooms below it, and none above
@@ -109,7 +111,7 @@ def test_what_is_on_the_wire_imports_nothing_of_the_program() -> None:
         assert not rooms_of(path, "arva_hil"), path
 
 
-@pytest.mark.parametrize("room", OF_OTHERS)
+@every("room", OF_OTHERS)
 def test_a_room_leans_on_few_others(room: str) -> None:
     for path in files(room):
         others = {name.partition(".")[0] for name in imports(path)} - set(sys.stdlib_module_names)

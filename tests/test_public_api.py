@@ -286,7 +286,7 @@ def toys(**built_in: str) -> Registry:
     return Registry("toy", "arva_hil.toys", built_in, ("play",), references=True)
 
 
-@pytest.mark.parametrize("registry", REGISTRIES, ids=names)
+@every("registry", REGISTRIES)
 def test_everything_built_in_is_there_and_has_what_it_needs(registry: Registry) -> None:
     for name in registry:
         assert registry._unfit(registry[name]) == ""
@@ -355,8 +355,8 @@ def test_a_reference_that_cannot_be_used_says_why(
 # Text from outside that is shown: nothing of it is an order to a terminal, a second line, or a formula
 
 
-@pytest.mark.parametrize(
-    ("text", "shown"),
+@every(
+    "text, shown",
     [
         ("d 1234 cm +17° … → 'ok'", "d 1234 cm +17° … → 'ok'"),
         ("\x1b]0;title\x07", r"\x1b]0;title\x07"),
@@ -380,7 +380,7 @@ def test_every_text_is_one_printable_line(text: str) -> None:
     assert shown.encode().decode() == shown
 
 
-@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", " =1", "\t=1", "\r=1", "\n@a"])
+@every("text", ["=1+1", "+1", "-1", "@SUM(A1)", " =1", "\t=1", "\r=1", "\n@a"])
 def test_a_cell_is_no_formula(text: str) -> None:
     assert cell(text)[0] not in "=+-@"
     assert cell(text).endswith(one_line(text))

@@ -180,7 +180,7 @@ def test_px4_is_told_to_follow_set_points_once_they_flow_and_they_never_pause(st
     assert flight.commander.why == ()
 
 
-@pytest.mark.parametrize(("now", "stalled_s"), [(5.75, 1.0), (6.25, 0.0), (11.0, 0.875)])
+@every("now, stalled_s", [(5.75, 1.0), (6.25, 0.0), (11.0, 0.875)])
 def test_a_gap_between_set_points_counts_for_five_seconds(now: float, stalled_s: float) -> None:
     set_points = SetPoints()
     for at in (0.0, *(1.0 + 0.5 * n for n in range(19)), 10.875):
@@ -393,8 +393,8 @@ def test_a_refused_take_off_is_tried_again_at_once() -> None:
         told.ack(NAV_TAKE_OFF, FAILED)
 
 
-@pytest.mark.parametrize(
-    ("targets", "why"),
+@every(
+    "targets, why",
     [
         ([(1, 191), (1, 190), (255, US), (255, 190), (2, US)], "it gives no reason"),
         ([(1, US)], "arming: DENIED"),
@@ -527,8 +527,8 @@ def test_a_landing_that_does_not_end_is_given_up(autopilot: int) -> None:
     assert told.after(10.0).lost_by == "the vehicle does not land: it gives no reason"
 
 
-@pytest.mark.parametrize(
-    ("autopilot", "kind", "why"),
+@every(
+    "autopilot, kind, why",
     [
         (ARDUPILOT, dialect.MAV_TYPE_FIXED_WING, "ardupilotmega fixed_wing 1/1 is not a multirotor"),
         (PX4, dialect.MAV_TYPE_GROUND_ROVER, "is not a multirotor"),
@@ -593,7 +593,7 @@ def test_hold_is_a_take_over_of_px4_too(phase: Phase) -> None:
     assert "the mode is hold" in told.lost_by
 
 
-@pytest.mark.parametrize("height", [0.2, 0.7, 2.5, 4.3])
+@every("height", [0.2, 0.7, 2.5, 4.3])
 def test_hold_is_a_take_over_in_the_climb_at_any_height(height: float) -> None:
     told = at(Phase.CLIMBING, PX4)
     assert told.fly_at(height).hear(0.3) is not None
@@ -611,7 +611,7 @@ def test_before_px4_has_said_that_it_takes_off_hold_is_the_mode_that_it_armed_in
     assert told.beat(HOLD, armed=True).commander.phase is Phase.LOST
 
 
-@pytest.mark.parametrize("height", [0.5, 2.0, 5.0])
+@every("height", [0.5, 2.0, 5.0])
 def test_px4_never_ends_its_take_off_by_itself(height: float) -> None:
     flight = Flight(px4(), take_off_m=height)
     modes = []
@@ -619,7 +619,7 @@ def test_px4_never_ends_its_take_off_by_itself(height: float) -> None:
     assert [mode for mode, _ in groupby(modes)] == [POSITION, HOLD, TAKE_OFF, OFFBOARD]
 
 
-@pytest.mark.parametrize("phase", ON)
+@every("phase", ON)
 def test_what_others_say_changes_nothing(phase: Phase) -> None:
     told = at(phase, arm_timeout_s=60.0)
     before = repr({k: v for k, v in vars(told.commander).items() if k != "_session"})
@@ -644,14 +644,14 @@ def test_somebody_else_arms_it() -> None:
     assert told.hear(10.0) == []
 
 
-@pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.FLYING, Phase.HOLDING])
+@every("phase", [Phase.CLIMBING, Phase.FLYING, Phase.HOLDING])
 def test_it_is_disarmed(phase: Phase) -> None:
     told = at(phase)
     assert told.beat(told.steer).lost_by == "it was disarmed; the mode is GUIDED"
     assert told.hear(10.0) == []
 
 
-@pytest.mark.parametrize("phase", ON)
+@every("phase", ON)
 def test_let_go_is_for_good(phase: Phase) -> None:
     told = at(phase)
     told.commander.let_go()

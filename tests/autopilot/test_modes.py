@@ -64,8 +64,8 @@ def test_px4_has_a_mode_for_each() -> None:
     assert modes == ["hold", "takeoff", "offboard", "land"]
 
 
-@pytest.mark.parametrize(
-    ("modes", "mode", "params"),
+@every(
+    "modes, mode, params",
     [(ARDUCOPTER, 4, (1, 4, 0)), (PX4, px4(4, 3), (1, 4, 3)), (PX4, px4(6), (1, 6, 0))],
 )
 def test_a_mode_is_set_by_number_or_by_main_and_sub_mode(modes: object, mode: int, params: tuple[int, ...]) -> None:
@@ -95,13 +95,13 @@ def test_a_command_is_for_the_vehicle_alone() -> None:
     assert [getattr(message, f"param{n}") for n in range(1, 8)] == [1, 0, 0, 0, 0, 0, 0]
 
 
-@pytest.mark.parametrize("kind", [QUADROTOR, dialect.MAV_TYPE_HEXAROTOR, dialect.MAV_TYPE_OCTOROTOR])
+@every("kind", [QUADROTOR, dialect.MAV_TYPE_HEXAROTOR, dialect.MAV_TYPE_OCTOROTOR])
 def test_multirotors_of_both_are_flown(kind: int) -> None:
     assert modes_of(vehicle(dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, kind)) is ARDUCOPTER
     assert modes_of(vehicle(dialect.MAV_AUTOPILOT_PX4, kind)) is PX4
 
 
-@pytest.mark.parametrize("kind", [dialect.MAV_TYPE_FIXED_WING, dialect.MAV_TYPE_VTOL_TILTROTOR, 200])
+@every("kind", [dialect.MAV_TYPE_FIXED_WING, dialect.MAV_TYPE_VTOL_TILTROTOR, 200])
 def test_nothing_else_is(kind: int) -> None:
     with pytest.raises(ValueError, match="7/1 is not a multirotor"):
         modes_of(vehicle(kind=kind))

@@ -167,8 +167,8 @@ def test_the_first_autopilot_is_the_vehicle(system: int, kind: int) -> None:
     assert event.label.endswith(f"{system}/1")
 
 
-@pytest.mark.parametrize(
-    ("options", "chosen"),
+@every(
+    "options, chosen",
     [
         ({}, (1, 1)),
         ({"target_system": 2}, (2, 1)),
@@ -299,7 +299,7 @@ def test_zero_latitude_and_longitude_are_no_position() -> None:
     assert (session.navigation.unpositioned, session.navigation.refused) == (1, 0)
 
 
-@pytest.mark.parametrize(("lat", "lon"), [(0.0, 11.0), (46.0, 0.0), (90.0, 180.0), (-90.0, -180.0)])
+@every("lat, lon", [(0.0, 11.0), (46.0, 0.0), (90.0, 180.0), (-90.0, -180.0)])
 def test_a_place_on_the_equator_or_the_edge_is_a_position(lat: float, lon: float) -> None:
     session = hearing(100.0, heartbeat(), position(10.0, lat, lon))
     assert session.navigation.track.positions
@@ -529,8 +529,8 @@ def test_it_speaks_before_it_has_heard_anything() -> None:
     assert (beat.system, beat.component) == (7, 191)
 
 
-@pytest.mark.parametrize("known", [False, True])
-@pytest.mark.parametrize("step", [0.004, 0.01, 0.1, 0.37])
+@every("known", [False, True])
+@every("step", [0.004, 0.01, 0.1, 0.37])
 def test_its_heart_beats_once_a_second(known: bool, step: float) -> None:
     session = following(100.0) if known else KeepingSession()
     times = [100.0 + i * step for i in range(round(20.9 / step))]
@@ -625,8 +625,8 @@ def test_nothing_is_asked_of_a_lost_vehicle(session: KeepingSession) -> None:
     assert {p.msgid for p in packets(said)} == {dialect.MAVLINK_MSG_ID_HEARTBEAT}
 
 
-@pytest.mark.parametrize(
-    ("said", "why", "missing"),
+@every(
+    "said, why, missing",
     [
         ([], "no vehicle", []),
         ([heartbeat()], "streams missing", ["GLOBAL_POSITION_INT", "ATTITUDE"]),

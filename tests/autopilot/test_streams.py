@@ -24,6 +24,7 @@ from arva_hil.events.vehicles import (
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.every import every
 from tests.kept_events import KeepingSession
 
 HOME = (46.5, 11.35, 1800.0)
@@ -228,7 +229,7 @@ def test_in_progress_is_no_answer_yet() -> None:
     assert bench.stream_events == []
 
 
-@pytest.mark.parametrize("addressee", [(255, 190), (1, 190), (2, 191)])
+@every("addressee", [(255, 190), (1, 190), (2, 191)])
 def test_answers_to_others_are_not_ours(addressee: tuple[int, int]) -> None:
     bench = Stepped(Fake(always(DENIED), addressee=addressee)).run(5)
     assert bench.asked()[SET_INTERVAL, POSITION] == 2
@@ -294,7 +295,7 @@ def test_the_vehicles_answer_is_kept_for_a_person() -> None:
     assert ("GLOBAL_POSITION_INT", "MAV_RESULT_TEMPORARILY_REJECTED") in [(s.name, s.result) for s in streams]
 
 
-@pytest.mark.parametrize(("sent_hz", "until"), [(10.0, 7.3), (8.0, 7.3), (50.0, 12.0)])
+@every("sent_hz, until", [(10.0, 7.3), (8.0, 7.3), (50.0, 12.0)])
 def test_a_stream_that_stops_is_asked_for_as_soon_as_its_rate_is_too_low(sent_hz: float, until: float) -> None:
     """7 of 10 Hz are enough: 14 messages in two seconds. Nothing is asked for before, and no look comes too late."""
     streams, came, asked = Streams(10.0, lambda *event: None), list[float](), list[float]()
@@ -381,7 +382,7 @@ def bench() -> Bench:
     return made
 
 
-@pytest.mark.parametrize("junk", [b"x", b"\xfd", b"\xfe\xff", Encoder(255, 190).pack(heartbeat(GCS, NONE))])
+@every("junk", [b"x", b"\xfd", b"\xfe\xff", Encoder(255, 190).pack(heartbeat(GCS, NONE))])
 def test_who_speaks_first_but_no_autopilots_mavlink_keeps_no_vehicle_out(junk: bytes) -> None:
     bench = Bench()
     bench.session.feed(junk, bench.now, THERE)
@@ -593,8 +594,8 @@ def test_an_empty_text_is_none() -> None:
     assert said_by([chunks("", 0)[0], chunks("   ", 1)[0]]) == []
 
 
-@pytest.mark.parametrize(
-    ("enabled", "health", "names"),
+@every(
+    "enabled, health, names",
     [
         (0xFFFF, 0xFFFF, []),
         (dialect.MAV_SYS_STATUS_SENSOR_GPS, 0, ["gps"]),

@@ -11,6 +11,7 @@ from arva_hil.cli.main import main
 from arva_hil.config import ScenarioError, load
 from arva_hil.config.campaign import load_plan
 from arva_hil.config.profiles import builtin_files
+from tests.every import every
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -31,8 +32,9 @@ def test_a_plan_finds_its_scenarios_beside_it(tmp_path: Path, monkeypatch: pytes
     assert list(load_plan("builtin:campaigns/paper").scenarios) == [f"paper_case_{n}" for n in (1, 2, 3, 4)]
 
 
-@pytest.mark.parametrize(
-    "name", ["builtin:", "builtin:four_transmiters", "builtin:../../etc/passwd", "builtin:/etc/passwd"]
+@every(
+    "name",
+    ["builtin:", "builtin:four_transmiters", "builtin:../../etc/passwd", "builtin:/etc/passwd"],
 )
 def test_a_name_that_is_not_built_in_is_refused(name: str) -> None:
     with pytest.raises(ScenarioError, match="no such file is built in, expected one of alpine_lla") as error:

@@ -16,6 +16,7 @@ from arva_hil.emulator.build import outside_norm, receiver, transmitters
 from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.keying import KEYING_CLASSES
 from arva_hil.model.receiver.pulsed import PulsedReceiver, VectorReceiver
+from tests.every import every
 
 DATUM = LocalFrame(46.0, 7.0, 1650.0)
 PROFILES = [name for name in builtin_files() if name.startswith(("receivers/", "transmitters/"))]
@@ -31,7 +32,7 @@ def problems(text: str, source: str = "s.yaml") -> list[str]:
     return list(map(str, error.value.problems))
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@every("name", PROFILES)
 def test_every_profile_is_a_scenario_s_and_gives_every_number_a_source_or_says_assumption(name: str) -> None:
     folder, own = name.split("/")
     if folder == "receivers":
@@ -100,8 +101,8 @@ def test_what_does_not_fit_together_is_said_at_the_profile_s_name(tmp_path: Path
     assert only.startswith(f"{tmp_path}/s.yaml:3:")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
+@every(
+    "text, words",
     [
         (
             "receiver: {profile: 'builtin:nothing'}",
@@ -129,8 +130,8 @@ def test_what_is_wrong_is_said(text: str, words: str) -> None:
     assert any(words in one for one in problems(f"transmitters: [{{id: 1, ned: [1, 2, 3]}}]\n{text}"))
 
 
-@pytest.mark.parametrize(
-    ("keying", "words"),
+@every(
+    "keying, words",
     [
         (
             "{kind: analogue, period_s: 0.15}",

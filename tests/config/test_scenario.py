@@ -132,7 +132,7 @@ def test_every_config_loads_and_starts_with_what_it_shows(path: Path) -> None:
     assert path.read_text().startswith("# ")
 
 
-@pytest.mark.parametrize(("number", "ned"), [(1, (5, 20, 0)), (2, (0, 10, -1)), (3, (-20, 20, 1)), (4, (5, -6, 0))])
+@every("number, ned", [(1, (5, 20, 0)), (2, (0, 10, -1)), (3, (-20, 20, 1)), (4, (5, -6, 0))])
 def test_paper_cases_are_where_the_paper_has_them(number: int, ned: tuple[float, float, float]) -> None:
     (transmitter,) = load(CONFIGS / f"paper_case_{number}.yaml").transmitters
     assert transmitter.ned == ned

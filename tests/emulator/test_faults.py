@@ -722,8 +722,8 @@ def test_written_and_read_back_they_are_equal(faults: list[Fault]) -> None:
     assert list(parse(json.dumps(plain), "test").faults) == faults
 
 
-@pytest.mark.parametrize(
-    ("option", "same"),
+@every(
+    "option, same",
     [
         ("drop=0.02@10-60", "drop: 0.02, from_s: 10, until_s: 60"),
         ("drop=0.02", "drop: 0.02"),

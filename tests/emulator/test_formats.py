@@ -65,7 +65,7 @@ def test_what_the_lua_driver_sends_is_read_too() -> None:
     assert frame.channels == (Channel(3, 1, 1234, -17),)
 
 
-@pytest.mark.parametrize("name", ["ARVA1_D", "ARVA1_DIR", "ARVA1_ID"])
+@every("name", ["ARVA1_D", "ARVA1_DIR", "ARVA1_ID"])
 @every("value", [math.nan, math.inf, -math.inf, 0.5, 1e30, -32769.0, 32768.0])
 def test_a_float_that_no_receiver_can_have_sent_makes_no_such_reading(name: str, value: float) -> None:
     decoder = MavlinkDecoder("named_float")
@@ -75,8 +75,8 @@ def test_a_float_that_no_receiver_can_have_sent_makes_no_such_reading(name: str,
     assert decoder.good == len(frames)
 
 
-@pytest.mark.parametrize(
-    ("d", "delta", "zone"),
+@every(
+    "d, delta, zone",
     [
         *[(0, 0, firmware_proto.OUTER), (1, 0, firmware_proto.INNER)],
         *[(300, 0, firmware_proto.INNER), (301, 0, firmware_proto.MID)],
@@ -116,7 +116,7 @@ NAMES = ("ARVA1_D", "ARVA1_DIR", "ARVA1_ID")
 READINGS = [(1900, 40, 1), (700, -60, 2), (600, -50, 3)]
 
 
-@pytest.mark.parametrize("apart_s", [0.0, 0.2, 5.0])
+@every("apart_s", [0.0, 0.2, 5.0])
 @every("lost", range(9))
 def test_a_lost_message_of_named_values_loses_at_most_its_frame_and_mixes_no_two(lost: int, apart_s: float) -> None:
     decoder, frames = MavlinkDecoder("named_float"), list[Frame]()

@@ -17,6 +17,7 @@ from arva_hil.events import FollowedSystemHeard, FollowedSystemSilent, FrameMade
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import Following, LocalFrame, MovingTransmitters, Transmitters, Waypoints, rotation
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.every import every
 from tests.one_receiver import Diary, turn
 
 HOME = (46.0123, 7.7456, 1650.0)
@@ -103,7 +104,7 @@ def test_waypoints_may_be_as_close_in_time_as_wanted() -> None:
     assert path.at(0.0005) == pytest.approx([0.5, 0, 0])
 
 
-@pytest.mark.parametrize("times", [[], [1.0, 1.0], [2.0, 1.0]])
+@every("times", [[], [1.0, 1.0], [2.0, 1.0]])
 def test_waypoints_whose_times_do_not_rise_are_an_error(times: list[float]) -> None:
     with pytest.raises(ValueError, match="later than the one before"):
         Waypoints(np.array(times), np.zeros((len(times), 3)))

@@ -17,6 +17,7 @@ from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.dialect import EscStatus
 from arva_hil.model.receiver import Look
 from arva_hil.model.receiver.listening import Listening
+from tests.every import every
 from tests.model.test_receiver_models import START, Vehicle, source
 from tests.one_receiver import Flown
 
@@ -79,7 +80,7 @@ def test_the_battery_comes_before_controllers_that_say_the_same_all_the_time() -
         assert heard(*chunks, full_a=60.0) == 0.5
 
 
-@pytest.mark.parametrize(
+@every(
     "unknown",
     [
         battery(-0.01),

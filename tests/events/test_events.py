@@ -32,8 +32,8 @@ def test_an_event_is_a_frozen_dataclass_with_the_fields_of_its_bases_first() -> 
 # -- What a person sees of a reading: nothing that means nothing ------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("channels", "said"),
+@every(
+    "channels, said",
     [
         ([Channel(1, MID, 1046, 12)], "#1 mid 1046 cm +12°"),
         ([Channel(1, INNER, 85, 0)], "#1 inner 85 cm"),
@@ -47,8 +47,8 @@ def test_a_direction_and_a_zone_are_shown_only_where_there_is_one(channels: list
     assert reading(channels) == said
 
 
-@pytest.mark.parametrize(
-    ("metres", "error", "spread"),
+@every(
+    "metres, error, spread",
     [
         (0.0, "less than 1 cm", "less than 1 cm"),
         (0.0099, "less than 1 cm", "less than 1 cm"),
@@ -78,8 +78,8 @@ def test_several_reasons_are_one_sentence_and_none_is_empty() -> None:
     assert in_words(()) == in_words(None) == ""
 
 
-@pytest.mark.parametrize(
-    ("found", "wanted", "words"),
+@every(
+    "found, wanted, words",
     [
         (0, 3, "not found in 900 s"),
         (2, 3, "2 of 3 found in 900 s"),
@@ -90,8 +90,8 @@ def test_a_search_whose_time_is_up_says_how_many_it_has_found(found: int, wanted
     assert in_words(because(Why.TIME_UP, limit_s=900.0, found=found, wanted=wanted, more=1)) == words
 
 
-@pytest.mark.parametrize(
-    ("event", "field", "words"),
+@every(
+    "event, field, words",
     [
         (SearchEnded(1.0, (FLOWN,), True), "how", "no signal agrees with a place: all strips are flown, twice"),
         (MOVED, "reason", "home has moved"),
@@ -592,8 +592,8 @@ def test_a_number_that_is_none_is_null() -> None:
     assert json.loads(event_json(searches.TooLow(1.0, float("nan"), 3.0)) or "")["height_m"] is None
 
 
-@pytest.mark.parametrize(
-    ("why", "text"),
+@every(
+    "why, text",
     [
         (NoPose("no vehicle"), "no vehicle yet"),
         (NoPose("zero position"), "the position is all zeros: no GPS fix yet"),
@@ -637,8 +637,8 @@ def test_why_there_is_no_pose_in_words(why: NoPose, text: str) -> None:
     assert no_pose(why) == text
 
 
-@pytest.mark.parametrize(
-    ("why", "text"),
+@every(
+    "why, text",
     [
         (NoVehicle("link lost", "tcp: refused"), "no autopilot was found: tcp: refused"),
         (

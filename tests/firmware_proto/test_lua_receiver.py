@@ -284,7 +284,7 @@ def test_it_leaves_the_port_to_the_search_that_lies_beside_it():
     assert autopilot.baud is None
 
 
-@pytest.mark.parametrize("name", ["arva_receiver", "arva_search", "arva_victim"])
+@every("name", ["arva_receiver", "arva_search", "arva_victim"])
 def test_every_parameter_is_documented_as_ardupilot_does_it(name):
     source = (FOLDER / f"{name}.lua").read_text(encoding="ascii")
     page = (FOLDER / f"{name}.md").read_text(encoding="utf-8")

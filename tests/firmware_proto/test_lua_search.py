@@ -20,6 +20,7 @@ from arva_hil.model.receiver.maps import readings
 from arva_hil.search.strategies.flux import Flux
 from arva_hil.search.strategies.strategy import Observation
 from firmware_proto import INNER, NOT_SEARCHING, SELF_TEST_FAULT, SYNTHETIC, Channel, Decoder, Frame, encode
+from tests.every import every
 from tests.firmware_proto.lua_stubs import FOLDER, GUIDED, LOITER, Autopilot
 
 NAME = "arva_search"
@@ -226,8 +227,8 @@ def test_it_waits_until_the_vehicle_flies_in_guided(state):
     assert flight.after(2).moved
 
 
-@pytest.mark.parametrize(
-    ("state", "text"),
+@every(
+    "state, text",
     [
         ({"failsafed": True}, "low battery"),
         ({"breaches": 2}, "fence breached"),
@@ -396,8 +397,8 @@ def test_limits(params, text):
     assert flight.said()[-1] == f"{text}: search ends"
 
 
-@pytest.mark.parametrize(
-    ("above_ground", "above_terrain", "params", "sinks"),
+@every(
+    "above_ground, above_terrain, params, sinks",
     [
         (2.5, 4.0, {}, 0.5),
         (1.5, 30.0, {}, -1.0),

@@ -126,8 +126,8 @@ def test_a_pulse_in_units_of_physics():
     assert level_channel(1, 1, False, -1e9, 0.1).level == -0x7FFF
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
+@every(
+    "wrong, said",
     [
         (Measured(0, ()), "measured has 0 channels, expected 1"),
         (Measured(2**32, (PULSE,)), "measured does not fit"),
@@ -280,7 +280,7 @@ def test_an_answer_between_two_frames_changes_neither(form, frames, answer):
     assert with_answers.dropped == len(frames) * len(host.answer(answer))
 
 
-@pytest.mark.parametrize("form", FORMS)
+@every("form", FORMS)
 def test_half_a_command_is_dropped_after_100_ms_and_counted(form):
     host, _, _ = FORMS[form]
     decoder, raw = host.commands(), host.command(MARK)
@@ -296,7 +296,7 @@ def test_half_a_command_is_dropped_after_100_ms_and_counted(form):
     assert decoder.feed(raw[5:], 1001.099) == [MARK]
 
 
-@pytest.mark.parametrize("head", HALF_HEADS)
+@every("head", HALF_HEADS)
 def test_a_command_behind_half_another_is_found(head):
     decoder = BINARY_HOST.commands()
     came = decoder.feed(head + BINARY_HOST.command(MARK), 0.0) + decoder.feed(b"", 0.11)
@@ -320,8 +320,8 @@ def test_any_bytes_give_the_same_in_one_piece_and_byte_by_byte(chunks):
     assert (whole.good, whole.bad_crc, whole.dropped) == (single.good, single.bad_crc, single.dropped)
 
 
-@pytest.mark.parametrize(
-    ("command", "said"),
+@every(
+    "command, said",
     [
         (Command(256, "mark"), "number is 256, expected an integer 0…255"),
         (Command(0, "mrak"), "name is 'mrak', expected one of identify, mark,"),
@@ -339,8 +339,8 @@ def test_a_command_that_does_not_fit_is_refused_by_name(command, said):
         BINARY_HOST.command(command)
 
 
-@pytest.mark.parametrize(
-    ("answer", "said"),
+@every(
+    "answer, said",
     [
         (CommandAnswer(0, "mark", "perhaps"), "result is 'perhaps', expected one of done, refused, unknown, busy"),
         (CommandAnswer(0, "mark", "done", (), "a,b"), "text is 'a,b'"),
@@ -355,7 +355,7 @@ def test_an_answer_that_does_not_fit_is_refused_by_name(answer, said):
         LINE_HOST.answer(CommandAnswer(255, "identify", "done", (-(2**31),) * 2, "x" * 32))
 
 
-@pytest.mark.parametrize(
+@every(
     "line",
     [
         b"$PARVC,7*5E\r\n",
@@ -382,7 +382,7 @@ def test_a_line_that_is_no_command_is_dropped_whole(line):
     assert decoder.dropped == len(line)
 
 
-@pytest.mark.parametrize(
+@every(
     "body",
     [
         bytes([7, 1, 4, 0]),  # a result that there is not

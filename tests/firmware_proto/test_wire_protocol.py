@@ -69,8 +69,8 @@ def test_worked_bytes_in_a_line(data):
     assert f": `{data.hex(' ').upper()}`." in PAGE
 
 
-@pytest.mark.parametrize(
-    ("title", "data"),
+@every(
+    "title, data",
     [
         ("Four channels, byte by byte", encode(FOUR)),
         ("A command, byte by byte", encode_command(Command(7, "mark", (3,)))),
@@ -154,8 +154,8 @@ def test_status_bits():
         assert meaning.replace("-", " ").startswith(name.lower().replace("_", " "))
 
 
-@pytest.mark.parametrize(
-    ("form", "encode"),
+@every(
+    "form, encode",
     [
         ("binary", encode),
         ("nmea", encode_nmea),
@@ -335,8 +335,8 @@ def test_nmea_line_end_and_checksum_in_either_case():
         assert decoder.dropped == 0
 
 
-@pytest.mark.parametrize(
-    ("channels", "line"),
+@every(
+    "channels, line",
     [
         ([Channel(1, 0, 900, 5), Channel(2, 0, 30, -6), Channel()], b"30,-6\r\n"),
         ([Channel(d=0, delta=0), Channel(2, 0, 30, -6)], b"30,-6\r\n"),
@@ -369,7 +369,7 @@ def test_text_says_nothing_of_id_zone_and_status():
     assert TextDecoder().feed(b"1250,-35\r\n", 0.0) == [Frame(0, 0, (Channel(None, 0, 1250, -35),))]
 
 
-@pytest.mark.parametrize(
+@every(
     "line",
     [
         b"",
@@ -552,7 +552,7 @@ def test_exactly_100_ms_is_too_long(name, first, second):
     assert decoder.dropped == len(first + second)
 
 
-@pytest.mark.parametrize("cast", [bytes, bytearray, memoryview])
+@every("cast", [bytes, bytearray, memoryview])
 def test_chunks_of_any_bytes_like_kind(cast):
     decoder = Decoder()
     assert decoder.feed(cast(ONE_FRAME[:5]), 0.0) == []

@@ -454,7 +454,7 @@ def test_the_system_can_be_changed_and_the_sequence_goes_on() -> None:
     assert (encoder.system, raw[4], raw[5], raw[6]) == (42, 1, 42, 191)
 
 
-@pytest.mark.parametrize(
+@every(
     "message",
     [
         dialect.MAVLink_attitude_message(-1, 0, 0, 0, 0, 0, 0),
@@ -466,7 +466,6 @@ def test_the_system_can_be_changed_and_the_sequence_goes_on() -> None:
         dialect.MAVLink_tunnel_message(1, 1, 0, 5, [300] * 128),
         dialect.MAVLink_tunnel_message(1, 1, 0, 5, [0] * 127),
     ],
-    ids=["negative", "too big", "a fraction", "too big for a float", "None", "too big for a byte", "in array", "short"],
 )
 def test_a_value_that_does_not_fit_is_refused(message: Any) -> None:
     encoder = Encoder(1, 191)

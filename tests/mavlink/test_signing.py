@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from arva_hil.events.vehicles import SignatureRefused, SignaturesUnchecked, VehicleFound
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing, key_of
+from tests.every import every
 from tests.kept_events import KeepingSession
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
@@ -54,12 +55,12 @@ def test_64_hexadecimal_digits_are_the_key() -> None:
     assert key_of(KEY.hex() + "\n") == key_of(KEY.hex().upper()) == KEY
 
 
-@pytest.mark.parametrize("phrase", ["correct horse", "a", "ключ", KEY.hex()[:-1], KEY.hex() + "0", "g" * 64])
+@every("phrase", ["correct horse", "a", "ключ", KEY.hex()[:-1], KEY.hex() + "0", "g" * 64])
 def test_other_text_is_a_passphrase_of_which_the_key_is_the_hash(phrase: str) -> None:
     assert key_of(phrase + "\n") == key_of(phrase) == hashlib.sha256(phrase.encode()).digest()
 
 
-@pytest.mark.parametrize("text", ["", "\n", "  \n", "one\ntwo\n", "one\n\n"])
+@every("text", ["", "\n", "  \n", "one\ntwo\n", "one\n\n"])
 def test_no_line_or_several_are_no_key(text: str) -> None:
     with pytest.raises(ValueError, match=r"lines|empty"):
         key_of(text)
@@ -118,8 +119,8 @@ def test_a_packet_is_believed_once() -> None:
     assert "replayed" in [event.verdict for event in session.take_events() if isinstance(event, SignatureRefused)]
 
 
-@pytest.mark.parametrize(
-    ("ticks", "believed"),
+@every(
+    "ticks, believed",
     [(TICKS - MINUTE - 1, False), (TICKS - MINUTE, True), (TICKS, True), (TICKS + 10**12, True), (0, False)],
 )
 def test_a_stream_not_heard_before_may_be_a_minute_behind(ticks: int, believed: bool) -> None:

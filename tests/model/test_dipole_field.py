@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field import Transmitters, dipole_field
+from tests.every import every
 
 FULL = st.floats(-1e300, 1e300)
 NORMAL = st.floats(-1e300, 1e300, allow_subnormal=False)
@@ -48,8 +49,8 @@ def test_agrees_with_the_form_in_the_paper() -> None:
     assert error.max() < 1e-12
 
 
-@pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0.6, 0, 0.8)])
-@pytest.mark.parametrize("r", [1e-300, 1e-9, 0.00999])
+@every("direction", [(1, 0, 0), (0, -1, 0), (0.6, 0, 0.8)])
+@every("r", [1e-300, 1e-9, 0.00999])
 def test_nearer_than_a_centimetre_is_a_centimetre(direction: tuple[float, ...], r: float) -> None:
     d = np.array(direction)
     np.testing.assert_allclose(one(d * r), one(d * 0.01), rtol=1e-12)

@@ -8,6 +8,7 @@ import pytest
 
 from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.geodesy import to_ecef
+from tests.every import every
 
 DATUMS = [
     (46.5, 8.0, 2300.0),
@@ -29,14 +30,14 @@ def around(datum: tuple[float, float, float], n: int, seed: int) -> np.ndarray:
     return np.array([np.clip(lat, -90, 90), lon, alt])
 
 
-@pytest.mark.parametrize("datum", DATUMS)
+@every("datum", DATUMS)
 def test_north_east_down_agrees_with_pymap3d(datum: tuple[float, float, float]) -> None:
     points = around(datum, 2000, 1)
     expected = np.stack(pymap3d.geodetic2ned(*points, *datum), axis=-1)
     np.testing.assert_allclose(LocalFrame(*datum).ned(*points), expected, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("datum", DATUMS)
+@every("datum", DATUMS)
 def test_there_and_back(datum: tuple[float, float, float]) -> None:
     frame, points = LocalFrame(*datum), around(datum, 2000, 2)
     ned = frame.ned(*points)
@@ -87,7 +88,7 @@ def test_shapes() -> None:
     assert [part.shape for part in frame.lla(np.zeros((2, 5, 3)))] == [(2, 5)] * 3
 
 
-@pytest.mark.parametrize("datum", DATUMS)
+@every("datum", DATUMS)
 def test_one_place_in_plain_floats_is_as_in_arrays(datum: tuple[float, float, float]) -> None:
     frame = LocalFrame(*datum)
     for place in around(datum, 50, seed=4).T.tolist():

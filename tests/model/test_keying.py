@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.model.field.keying import KEYING_CLASSES, Keying, PulseTimeline, draw_keying, outside_norm
+from tests.every import every
 
 MODERN = draw_keying(KEYING_CLASSES["modern"], 1, 1)
 
@@ -80,8 +81,8 @@ def test_the_output_falls_by_3_db_below_a_fifth_of_the_battery() -> None:
     assert decibels[times > 200] == pytest.approx(-3.0 * np.minimum(1, (times[times > 200] - 200) / 200))
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
+@every(
+    "wrong, words",
     [
         ({"period_s": 0.05}, "expected a period above the pulse"),
         ({"pulse_s": 0.0}, "expected a period above the pulse"),

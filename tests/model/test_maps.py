@@ -16,6 +16,7 @@ from arva_hil.model.field.dipole import one_field
 from arva_hil.model.field.medium import Medium
 from arva_hil.model.receiver import Antennas, Look, PaperReceiver, Pose, Zone, maps
 from arva_hil.model.receiver.maps import readings
+from tests.every import every
 
 N = 5000
 
@@ -90,7 +91,7 @@ def test_several_threads_give_the_same_readings() -> None:
     assert all((a == b).all() for a, b in zip(one, three, strict=True))
 
 
-@pytest.mark.parametrize(("n", "m"), [(0, 4), (1, 1), (3, 0), (N, 3)])
+@every("n, m", [(0, 4), (1, 1), (3, 0), (N, 3)])
 def test_any_number_of_poses_and_transmitters(n: int, m: int) -> None:
     there = transmitters(m)
     every = readings(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), there)

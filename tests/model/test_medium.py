@@ -12,6 +12,7 @@ from arva_hil.model.field import Transmitters
 from arva_hil.model.field.dipole import dipole_field
 from arva_hil.model.field.medium import AIR, Medium, skin_depth_m
 from arva_hil.model.field.vehicle_noise import VehicleNoise
+from tests.every import every
 
 THERE = Transmitters((1, 2), [[10, 0, 2], [0, 20, -1]], [np.eye(3)] * 2, [1.0, 0.5])
 
@@ -62,14 +63,14 @@ def test_four_motors_add_up_in_power_and_rise_with_their_load() -> None:
     assert line.sigma_na_m((0.5, 0.0, 0.0), 1.0) == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize("wrong", [((), 1.0, 0.0), (((0, 0, 0),), -1.0, 0.0), (((0, 0, 0),), 1.0, -1.0)])
+@every("wrong", [((), 1.0, 0.0), (((0, 0, 0),), -1.0, 0.0), (((0, 0, 0),), 1.0, -1.0)])
 def test_a_noise_without_sense_is_refused(wrong: tuple[object, float, float]) -> None:
     with pytest.raises(ValueError, match="motor"):
         VehicleNoise(*wrong)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("conductivity", [1e-5, 1e-3, 1e-2, 4.0])
-@pytest.mark.parametrize("permittivity", [1.0, 3.0, 80.0])
+@every("conductivity", [1e-5, 1e-3, 1e-2, 4.0])
+@every("permittivity", [1.0, 3.0, 80.0])
 def test_the_skin_depth_is_that_of_a_plane_wave(conductivity: float, permittivity: float) -> None:
     """Its complex wave number, by SI constants of 2019."""
     omega, mu, epsilon = 2 * math.pi * 457e3, 1.25663706212e-6, permittivity * 8.8541878128e-12

@@ -117,7 +117,7 @@ def test_ranges(x: float, y: float, z: float) -> None:
     assert abs(delta) <= widest
 
 
-@pytest.mark.parametrize("zone", list(Zone))
+@every("zone", list(Zone))
 def test_mirrored_left_and_right_only_the_sign_of_the_direction_changes(zone: Zone) -> None:
     rng = np.random.default_rng(1)
     h = rng.normal(size=(20_000, 3)) * strength_for(10 ** rng.uniform(0, 2, (20_000, 1)))
@@ -221,8 +221,8 @@ def test_noise_is_bounded_and_uniform_in_direction(kind: NoiseKind) -> None:
     assert 1 - inside.size / size.size == pytest.approx(law.sf(3), abs=5e-4)
 
 
-@pytest.mark.parametrize("kind", ["uniform", "gaussian"])
-@pytest.mark.parametrize("m", [0, 1, 4])
+@every("kind", ["uniform", "gaussian"])
+@every("m", [0, 1, 4])
 def test_noise_takes_three_doubles_each(kind: NoiseKind, m: int) -> None:
     ours, count = np.random.default_rng(6), np.random.default_rng(6)
     assert draw_noise(ours, m, kind, 1.0).shape == (m, 3)
@@ -248,8 +248,8 @@ def test_noise_from_the_ends_of_the_generator(kind: NoiseKind) -> None:
     assert size == pytest.approx([0, 1] * 4, abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("values", "match"),
+@every(
+    "values, match",
     [
         ({"sensitivity": (1.0, 0.8, 0.0)}, "sensitivity"),
         ({"sensitivity": (1.1, 0.8, 0.6)}, "sensitivity"),
@@ -270,7 +270,7 @@ def test_antennas_take_any_finite_number_above_0(name: str) -> None:
             Antennas(**{name: wrong})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("kind", ["uniform", "gaussian", "off"])
+@every("kind", ["uniform", "gaussian", "off"])
 def test_a_source_of_noise_gives_the_same_numbers_however_many_are_drawn_at_a_time(kind: NoiseKind) -> None:
     source, rng = NoiseSource(kind, 3.0, seed=9), np.random.Generator(np.random.PCG64(9))
     counts = [4, 4, 0, 90, 1, 63, 64, 65, 300, 7]

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from arva_hil.model.field import Mount, Transmitters
 from arva_hil.model.receiver import Antennas, ChannelReading, PaperReceiver, Reading, Zone
 from arva_hil.model.receiver.paper import FEW, NoiseKind, NoiseSource, noise_bound
+from tests.every import every
 from tests.paper_receiver import Receiver
 
 QUIET = Antennas(noise="off")
@@ -205,14 +206,14 @@ def test_slots_are_sorted_by_the_integers_and_ties_by_id() -> None:
     assert [c.true_range_m for c in got.channels] == [4, 9, 9.001, 9, 20]
 
 
-@pytest.mark.parametrize(("channels", "more"), [(1, True), (2, True), (3, False), (4, False), (16, False)])
+@every("channels, more", [(1, True), (2, True), (3, False), (4, False), (16, False)])
 def test_more_heard_than_slots(channels: int, more: bool) -> None:
     got = here(Receiver(transmitters((30, 0, 0), (10, 0, 0), (90, 0, 0), (20, 0, 0)), QUIET, channels))
     assert [c.id for c in got.channels] == ([2, 4, 1] + [None] * 13)[:channels]
     assert got.more_heard is more
 
 
-@pytest.mark.parametrize("no_signal", [(-1, -1), (-1, 0), (0, 0)])
+@every("no_signal", [(-1, -1), (-1, 0), (0, 0)])
 def test_an_empty_slot(no_signal: tuple[int, int]) -> None:
     receiver = Receiver(transmitters((90, 0, 0)), QUIET, 2, no_signal)
     empty = ChannelReading(None, Zone.OUTER, *no_signal, None)
@@ -285,8 +286,8 @@ def test_a_frame_s_noise_depends_on_its_number_alone(kind: NoiseKind) -> None:
     assert len({tuple(bits(frame)) for frame in frames}) == len(frames)
 
 
-@pytest.mark.parametrize("kind", ["uniform", "gaussian"])
-@pytest.mark.parametrize("floor", [80.0, 100.0])
+@every("kind", ["uniform", "gaussian"])
+@every("floor", [80.0, 100.0])
 def test_noise_within_the_specified_floor_is_no_interference(kind: NoiseKind, floor: float) -> None:
     receiver = Receiver(transmitters((10, 0, 0)), Antennas(floor_range_m=floor, noise=kind))
     assert not any(receiver.nothing().interference for _ in range(5000))

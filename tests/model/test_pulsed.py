@@ -264,7 +264,7 @@ def test_weaker_than_the_threshold_is_not_heard() -> None:
             assert ids(receiver.read(8.0)) == expected, (threshold, d_m, further)
 
 
-@pytest.mark.parametrize("within_m", [3.0, 60.0, 1000.0])
+@every("within_m", [3.0, 60.0, 1000.0])
 def test_weaker_than_the_threshold_is_not_heard_by_three_antennas_either(within_m: float) -> None:
     far = transmitters([0.0, 0.0, 88.0], keyings=[STEADY])
     assert ids(Hovering(far, third_within_m=within_m).read(6.0)) == []
@@ -312,7 +312,7 @@ def test_a_carrier_in_the_pauses_hides_a_weaker_transmitter() -> None:
     assert [ids(later.read(t)) for t in (19.0, 40.0)] == [[2], [1]]  # before it is switched on nothing leaks
 
 
-@pytest.mark.parametrize(("antennas", "zone", "delta"), [(1, Zone.MID, 0), (2, Zone.MID, 45), (3, Zone.INNER, 0)])
+@every("antennas, zone, delta", [(1, Zone.MID, 0), (2, Zone.MID, 45), (3, Zone.INNER, 0)])
 def test_one_two_or_three_antennas(antennas: int, zone: int, delta: int) -> None:
     turned = Rotation.from_euler("z", -45, degrees=True).as_matrix()
     receiver = Hovering(transmitters([2, 0, 0], keyings=[STEADY]), rotation=turned, antennas=antennas)
@@ -432,8 +432,8 @@ def test_antennas_that_fail_saturate_or_hear_electronics_change_what_it_shows_wh
     assert receiver.read(32.0).channels[0].d_cm == sound.d_cm
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
+@every(
+    "options, words",
     [
         ({"gains": (0, 0, 0)}, "expected three values in"),
         ({"saturation_na_m": 2.0}, "saturation_na_m 2: expected above threshold_na_m"),

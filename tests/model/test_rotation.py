@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field import rotation
 from arva_hil.model.field.rotation import from_euler, to_euler, to_matrix
+from tests.every import every
 
 N = 10_000
 ANGLE = st.floats(-10, 10)
@@ -104,7 +105,7 @@ def test_leading_shapes() -> None:
     assert from_euler(0.0, np.zeros((2, 1)), np.zeros(3)).shape == (2, 3, 4)
 
 
-@pytest.mark.parametrize("q", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 0]])
+@every("q", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 0]])
 def test_no_rotation_is_an_error(q: list[float]) -> None:
     with pytest.raises(ValueError, match="no rotation"):
         to_matrix(q)
@@ -118,7 +119,7 @@ def test_a_single_rotation_in_plain_floats_is_as_in_arrays() -> None:
         assert rotation.heading(one.tolist()) == pytest.approx(angles[2], abs=1e-12)
 
 
-@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 0.0)])
+@every("q", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 0.0)])
 def test_no_single_rotation_is_an_error_too(q: tuple[float, float, float, float]) -> None:
     with pytest.raises(ValueError, match="no rotation"):
         rotation.matrix(*q)

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field.rotation import Sling
+from tests.every import every
 
 LEVEL = np.eye(3)
 
@@ -63,7 +64,7 @@ def test_after_a_long_gap_it_hangs_at_rest() -> None:
     assert offsets(sling, [60.0], [(9.0, 0.0, 0.0)])[0] == pytest.approx(np.array([0.0, 0.0, 5.0]))
 
 
-@pytest.mark.parametrize("wrong", [(0.0, 0.1), (5.0, 1.0), (5.0, -0.1)])
+@every("wrong", [(0.0, 0.1), (5.0, 1.0), (5.0, -0.1)])
 def test_a_sling_without_sense_is_refused(wrong: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="a sling of"):
         Sling(*wrong)

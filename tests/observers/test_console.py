@@ -25,6 +25,7 @@ from arva_hil.model.receiver import ChannelReading, Pose, Zone
 from arva_hil.observers.console import Printer
 from arva_hil.records.pictures.style import LOOKS, SHAPES
 from arva_hil.safe_text import columns_of, wrapped
+from tests.every import every
 from tests.made_frames import frame_made
 from tests.records.test_pictures import SIMULATED, XYZ, lab, linear
 
@@ -55,8 +56,8 @@ FLEET = StatusReport(
 )
 
 
-@pytest.mark.parametrize(
-    ("columns", "line"),
+@every(
+    "columns, line",
     [
         (200, "#17  mid    3046 cm -112° | pose 15 ms | 40 sent, 2 dropped | pos 50 Hz att 50 Hz | quadrotor 1/1"),
         (79, "#17  mid    3046 cm -112° | pose 15 ms | 40 sent, 2 dropped"),
@@ -85,8 +86,8 @@ def test_several_receivers_are_a_table() -> None:
     ]
 
 
-@pytest.mark.parametrize("columns", [20, 39, 79, 199])
-@pytest.mark.parametrize("most", [1, 2, 20])
+@every("columns", [20, 39, 79, 199])
+@every("most", [1, 2, 20])
 def test_a_table_never_leaves_the_terminal(columns: int, most: int) -> None:
     table = status_table(FLEET, columns, most, named=True)
     assert len(table) <= most
@@ -187,7 +188,7 @@ def shade(colour: int) -> str:
     return "#" + "".join(f"{levels[step]:02x}" for step in (n // 36, n // 6 % 6, n % 6))
 
 
-@pytest.mark.parametrize("eyes", SIMULATED)
+@every("eyes", SIMULATED)
 def test_the_colours_differ_to_all_eyes(eyes: str) -> None:
     seen = [lab(np.array(SIMULATED[eyes]) @ linear(shade(colour))) for colour in (text.GOOD, text.DOUBTFUL, text.BAD)]
     assert min(float(np.linalg.norm(a - b)) for a, b in itertools.combinations(seen, 2)) > 60

@@ -27,6 +27,7 @@ from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher
 from arva_hil.observers.web.address import HostPort
 from arva_hil.records.ros_messages.readings import LiveMessages
 from arva_hil.records.ros_messages.types import PUBLISHED
+from tests.every import every
 from tests.files import rows as table
 from tests.records.ros_messages.oracle import read
 from tests.records.ros_messages.test_readings import EPOCH_US, HOME, made
@@ -137,8 +138,8 @@ def test_without_the_sdk_the_command_to_install_it_is_named(monkeypatch: pytest.
         FoxgloveServer(LiveMessages(DEFAULT, 0, searches=False), HostPort(port=0))
 
 
-@pytest.mark.parametrize(
-    ("text", "meant"),
+@every(
+    "text, meant",
     [
         ("127.0.0.1:9000", HostPort("127.0.0.1", 9000)),
         ("9000", HostPort("127.0.0.1", 9000)),
@@ -150,7 +151,7 @@ def test_addresses(text: str, meant: HostPort) -> None:
     assert foxglove(text) == meant
 
 
-@pytest.mark.parametrize("text", ["", "a:b", "127.0.0.1:", ":9000", "65536", "::1", "http://localhost:80", "a b"])
+@every("text", ["", "a:b", "127.0.0.1:", ":9000", "65536", "::1", "http://localhost:80", "a b"])
 def test_what_is_no_address_is_refused(text: str) -> None:
     with pytest.raises(Exception, match=r"expected HOST:PORT, HOST or PORT, e\.g\. 127\.0\.0\.1:8765"):
         foxglove(text)

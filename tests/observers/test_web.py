@@ -63,6 +63,7 @@ from arva_hil.observers.web.state import State
 from arva_hil.observers.web.viewer import RecordedState
 from arva_hil.records.reading import load
 from firmware_proto import Channel, Frame
+from tests.every import every
 from tests.made_frames import frame_made
 from tests.made_records import write_search
 from tests.once import once
@@ -250,7 +251,7 @@ def test_the_vehicle_s_own_state_is_shown_with_the_cure() -> None:
     assert checks(state)["EKF"][:2] == ["warn", "compass 1.3"]
 
 
-@pytest.mark.parametrize("msgid", CHECKS)
+@every("msgid", CHECKS)
 def test_a_packet_that_is_too_short_for_its_message_is_left_out_and_the_page_goes_on(msgid: int) -> None:
     head = bytes([1, 0, 1, 1, msgid, 7])  # MAVLink 1, whose payloads are never cut, with a payload of one byte
     crc = dialect.x25crc(head + bytes([dialect.mavlink_map[msgid].crc_extra])).crc
@@ -933,8 +934,8 @@ def test_requests_that_come_together_are_answered_one_after_another(server: Serv
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "address"),
+@every(
+    "text, address",
     [
         ("127.0.0.1:8080", HostPort("127.0.0.1", 8080)),
         ("8080", HostPort("127.0.0.1", 8080)),
@@ -948,8 +949,9 @@ def test_addresses(text: str, address: HostPort) -> None:
     assert (parse_address(text), parse_address(str(address))) == (address, address)
 
 
-@pytest.mark.parametrize(
-    "text", ["", ":", "1.2.3.4:", "host:port", "host:99999", "99999", "a b", "http://x", "::1", "ü:1"]
+@every(
+    "text",
+    ["", ":", "1.2.3.4:", "host:port", "host:99999", "99999", "a b", "http://x", "::1", "ü:1"],
 )
 def test_what_is_no_address_is_an_error_that_says_what_is_expected(text: str) -> None:
     with pytest.raises(ValueError, match=r"expected HOST:PORT, HOST or PORT, e\.g\. 127\.0\.0\.1:8457"):

@@ -26,6 +26,7 @@ from arva_hil.records.pictures.run import of_search
 from arva_hil.records.pictures.style import LOOKS, MOST_POINTS, SHAPES, look_of, thinned
 from arva_hil.records.reading import load
 from arva_hil.records.reading.streams import streams
+from tests.every import every
 from tests.made_records import EPOCH_US, SILENT, frames, write, write_search
 
 COUNT = 20
@@ -259,8 +260,8 @@ def test_pictures_and_page_have_the_same_colours_and_as_many_shapes() -> None:
     assert (PAGE / "store.js").read_text().split("SHAPES = [")[1].split("]")[0].count('"M') == len(SHAPES)
 
 
-@pytest.mark.parametrize("sight", SIMULATED)
-@pytest.mark.parametrize("at", [0, 1])
+@every("sight", SIMULATED)
+@every("at", [0, 1])
 def test_no_two_of_42_look_alike(sight: str, at: int) -> None:
     colours = {c: lab(np.array(SIMULATED[sight]) @ linear(c)) for c in palettes()[at]}
     apart = {pair: difference(*(colours[c] for c in pair)) for pair in itertools.combinations(colours, 2)}

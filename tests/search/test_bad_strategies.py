@@ -90,8 +90,8 @@ def fails_and_lands(world: World) -> str:
     return how
 
 
-@pytest.mark.parametrize(
-    ("said", "shown"),
+@every(
+    "said, shown",
     [
         (lambda: None, "None"),
         (lambda: (math.nan, 1.0), "(nan, 1.0)"),
@@ -104,7 +104,6 @@ def fails_and_lands(world: World) -> str:
         (Untold, "a Untold"),
         (lambda: "x" * 10**6, f"'{'x' * 199}…"),
     ],
-    ids=["None", "NaN", "infinite", "three", "texts", "text", "matrix", "coroutine", "no repr", "huge"],
 )
 def test_what_is_no_velocity_fails(said: Callable[[], Any], shown: str) -> None:
     guidance = Guidance(Inline(lambda: saying(said)(1.0)), lambda event: None, 10.0)

@@ -457,8 +457,8 @@ def after(*messages: Any) -> Accuracy:
     return accuracy.worst
 
 
-@pytest.mark.parametrize(
-    ("messages", "sigma_m", "reported"),
+@every(
+    "messages, sigma_m, reported",
     [
         ([], FLOOR_M, False),
         ([gps()], FLOOR_M, False),  # 0 is unknown, and not perfect
@@ -498,8 +498,8 @@ def test_the_covariance_relative_to_the_drone_is_of_the_places_reported_now_if_a
 # -- The circle about a place -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("start", [(0.0, 0.0), (1.5, 0.0), (-3.0, 2.0)])
-@pytest.mark.parametrize("speed", [0.5, 3.0])
+@every("start", [(0.0, 0.0), (1.5, 0.0), (-3.0, 2.0)])
+@every("speed", [0.5, 3.0])
 def test_it_leads_round_the_place_at_the_speed_asked_for(start: tuple[float, float], speed: float) -> None:
     centre = (10.0, -5.0)
     north, east = centre[0] + start[0], centre[1] + start[1]

@@ -31,6 +31,7 @@ from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.extremum import Extremum, minimum
 from arva_hil.search.strategies.flux import Cross, Flux, middle
 from arva_hil.search.strategies.strategy import Observation, Strategy, Velocity
+from tests.every import every
 from tests.paper_receiver import Receiver
 from tests.search.world import PAPER, fly, fly_to_buried
 
@@ -59,7 +60,7 @@ def course(velocity: Velocity) -> float:
 # -- closed loops ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("pitch", [0, 30, 60, 90])
+@every("pitch", [0, 30, 60, 90])
 def test_too_deep_for_the_third_antenna(pitch: int) -> None:
     """At an upright dipole d is least on a ring, and nothing is heard amid it."""
     deep = f"{{id: 1, enu: [12, 9, -4], attitude: {{pitch: {pitch}}}}}"
@@ -68,7 +69,7 @@ def test_too_deep_for_the_third_antenna(pitch: int) -> None:
     assert not any(observation.inner for observation in flight.heard)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@every("seed", range(3))
 def test_from_where_it_is_hardly_heard(seed: int) -> None:
     flight = fly(Flux(1.0), "{id: 1, enu: [54, 0, 0], attitude: {yaw: 70}}", yaw=-2.0, seed=seed)
     assert sum(not observation.heard for observation in flight.heard) > 3
@@ -78,7 +79,7 @@ def test_from_where_it_is_hardly_heard(seed: int) -> None:
 # -- along the line ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("delta", [-60, 0, 45])
+@every("delta", [-60, 0, 45])
 def test_follows_the_line_with_the_speed_of_equation_10(delta: int) -> None:
     far, near = told(Flux(SPEED), frame(0, 30, delta=delta)), told(Flux(SPEED), frame(0, 4, delta=delta))
     assert course(far) == pytest.approx(delta)
@@ -525,7 +526,7 @@ def test_finds_the_place_and_says_how_well() -> None:
     assert np.mean(np.array(normalised) < 9.2) > 0.9  # 0.99
 
 
-@pytest.mark.parametrize("seed", range(6))
+@every("seed", range(6))
 def test_from_the_seeds_it_comes_to_the_truth(seed: int) -> None:
     receiver, truth, way = lying(seed)
     o = listen(receiver, way)
@@ -595,7 +596,7 @@ def test_keeps_the_strongest_readings_of_too_many() -> None:
     assert o.said[0] == 0  # still what is known beforehand
 
 
-@pytest.mark.parametrize("near_m", [0.5, 1.0, 3.0])
+@every("near_m", [0.5, 1.0, 3.0])
 def test_an_exact_reading_has_the_variance_of_its_rounding(near_m: float) -> None:
     d, delta = np.random.default_rng(5).uniform((near_m, 0.0), (near_m + 0.1, 60.0), (20_000, 2)).T
     of_field = -3 * np.log(np.round(d, 2) / d)
@@ -621,8 +622,8 @@ def test_whatever_it_hears_it_stays_finite(said: list[tuple[float, float, float,
         assert np.isfinite(part).all()
 
 
-@pytest.mark.parametrize("count", [0, 1, 63, 100])
-@pytest.mark.parametrize("gains", [(1.0, 1.0), (0.5, 1.0)])
+@every("count", [0, 1, 63, 100])
+@every("gains", [(1.0, 1.0), (0.5, 1.0)])
 def test_readings_added_together_are_those_added_one_by_one(count: int, gains: tuple[float, float]) -> None:
     """With more than there is room for, the weakest are left out; some are silent, or above unknown ground."""
     rng = np.random.default_rng(5)
@@ -642,7 +643,7 @@ def test_readings_added_together_are_those_added_one_by_one(count: int, gains: t
         assert (a == b).all()
 
 
-@pytest.mark.parametrize("degrees", [-10, 0, 10])
+@every("degrees", [-10, 0, 10])
 def test_a_receiver_that_is_turned_is_noticed(degrees: int) -> None:
     """By a compass or a mount that is off: the angle is a part of the fit, and the place is right."""
     off = []

@@ -24,6 +24,7 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.search.mission.ground import Descent, Ground, Height, HeightKeeper
 from arva_hil.search.mission.height_sensors import Odometry, RangeCheck
 from arva_hil.search.strategies.plan import SearchPlan
+from tests.every import every
 
 DOWN = dialect.MAV_SENSOR_ROTATION_PITCH_270
 QUAD, ARDUPILOT = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -689,8 +690,8 @@ def test_on_the_way_up_from_the_take_off_there_is_nothing_to_say() -> None:
     assert events == []
 
 
-@pytest.mark.parametrize(
-    ("height", "rises", "seconds", "failed"),
+@every(
+    "height, rises, seconds, failed",
     [(1.0, 0.0, 10.0, False), (1.0, 0.0, 10.5, True), (-30.0, 1.0, 40.0, False), (-1000.0, 1.0, 61.0, True)],
 )
 def test_what_does_not_get_up_has_failed(height: float, rises: float, seconds: float, failed: bool) -> None:
@@ -722,8 +723,8 @@ def sunk(start: tuple[float, float, float], *, measured: bool, drift: tuple[floa
     return [north, east, down, now - 100.0]
 
 
-@pytest.mark.parametrize(("measured", "lowest"), [(True, 0.5), (False, 1.5)])
-@pytest.mark.parametrize("drift", [(0.0, 0.0), (0.1, 0.05)])
+@every("measured, lowest", [(True, 0.5), (False, 1.5)])
+@every("drift", [(0.0, 0.0), (0.1, 0.05)])
 def test_it_comes_down_on_the_place_and_leaves_the_rest_to_the_landing(
     measured: bool, lowest: float, drift: tuple[float, float]
 ) -> None:
@@ -738,8 +739,8 @@ def test_what_is_low_beside_the_place_climbs_and_goes_there() -> None:
     assert 1.0 < -down < 1.65
 
 
-@pytest.mark.parametrize(
-    ("place", "height"),
+@every(
+    "place, height",
     [
         (PLACE, Height(0.6, True)),
         (PLACE, Height(0.1, True)),

@@ -57,6 +57,7 @@ from firmware_proto import (
     encode_nmea,
 )
 from firmware_proto.measured import VECTOR
+from tests.every import every
 
 FOUND = in_words(because(Why.FOUND))
 NOT_SURE = in_words(because(Why.NOT_SURE))
@@ -811,8 +812,8 @@ def test_no_faster_than_allowed(area: Area, at: tuple[float, float, float], widt
     assert math.hypot(*Strips(area, speed, at, width=width).velocity(0.0, at)) <= speed * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("speed", [1.0, 5.0])
-@pytest.mark.parametrize("area", [(0, 0, 100, 70), (-50, -80, -20, 40)])
+@every("speed", [1.0, 5.0])
+@every("area", [(0, 0, 100, 70), (-50, -80, -20, 40)])
 def test_is_flown_to_its_end(area: Area, speed: float) -> None:
     strips = Strips(area, speed, (0.0, 0.0, -1.0))
     to_come, at, way = list(strips.lanes), (0.0, 0.0), 0.0
@@ -834,13 +835,13 @@ def test_forty_metres_unless_told_otherwise() -> None:
     assert not strips.exhausted
 
 
-@pytest.mark.parametrize("area", [(0, 0, 0, 10), (10, 0, 0, 10), (0, 5, 10, 5), (math.nan, 0, 10, 10)])
+@every("area", [(0, 0, 0, 10), (10, 0, 0, 10), (0, 5, 10, 5), (math.nan, 0, 10, 10)])
 def test_an_empty_area_is_refused(area: Area) -> None:
     with pytest.raises(ValueError, match="nothing to fly over"):
         Strips(area, 1.0, (0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("width", [0.0, -40.0, math.nan])
+@every("width", [0.0, -40.0, math.nan])
 def test_a_strip_has_a_width(width: float) -> None:
     with pytest.raises(ValueError, match="nothing to fly over"):
         Strips((0, 0, 10, 10), 1.0, (0.0, 0.0, 0.0), width=width)
@@ -874,8 +875,8 @@ def mate() -> Teammate:
     return first
 
 
-@pytest.mark.parametrize("team", [False, True])
-@pytest.mark.parametrize("victims", [1, None])
+@every("team", [False, True])
+@every("victims", [1, None])
 def test_one_that_only_hears_a_transmitter_hardly_ends_after_two_rounds(team: bool, victims: int | None) -> None:
     plan = SearchPlan(Hover, height=3.0, speed=2.0, area=FIELD, strip_width=10.0, limit_s=1e9, victims=victims)
     with_mate = mate() if team else None
@@ -903,8 +904,8 @@ def numbered(sequence: int, *channels: Channel) -> Frame:
     return Frame(sequence, 1, channels or (Channel(1, MID, 400, 20),))
 
 
-@pytest.mark.parametrize(
-    ("came", "new"),
+@every(
+    "came, new",
     [
         ([0, 1, 2, 3], [0, 1, 2, 3]),
         ([254, 255, 0, 1], [254, 255, 0, 1]),
@@ -957,7 +958,7 @@ def test_the_same_reading_half_a_metre_farther_is_none_of_here() -> None:
     assert after((numbered(0), 0.0), (numbered(1), 0.6), (numbered(2), 0.0)).whole.old  # back again
 
 
-@pytest.mark.parametrize(("d", "same_m"), [(810, 0.8), (1300, 1.3), (6000, 1.5)])
+@every("d, same_m", [(810, 0.8), (1300, 1.3), (6000, 1.5)])
 def test_farther_from_a_transmitter_the_same_reading_is_of_more_places(d: int, same_m: float) -> None:
     far = Channel(1, MID, d, 20)
     hovering = [(numbered(n, far), same_m * (n > 2)) for n in range(30)]
@@ -1033,8 +1034,8 @@ def test_frames_are_read_as_they_come() -> None:
     assert receiver.silent(102.1)
 
 
-@pytest.mark.parametrize(
-    ("came", "why"),
+@every(
+    "came, why",
     [
         (b"", "nothing came"),
         (b"\x00", r"bytes came that are none, first b'\x00': is the format right, and the baud rate?"),
@@ -1072,8 +1073,8 @@ def test_one_that_is_unplugged_is_silent_and_says_so_once() -> None:
 KAPPA_EQ = 1.542
 
 
-@pytest.mark.parametrize("place", [(12.0, 5.0, -4.0), (2.0, -1.0, -1.5)])
-@pytest.mark.parametrize("inner", [False, True])
+@every("place", [(12.0, 5.0, -4.0), (2.0, -1.0, -1.5)])
+@every("inner", [False, True])
 def test_signals_tell_d_of_two_antennas_with_its_direction_and_d_of_three(
     place: tuple[float, float, float], inner: bool
 ) -> None:
@@ -1086,7 +1087,7 @@ def test_signals_tell_d_of_two_antennas_with_its_direction_and_d_of_three(
     assert (delta, all_antennas, all_3) == (pytest.approx(math.atan2(y, x)), False, True)
 
 
-@pytest.mark.parametrize("signal", [None, (0.0, 0.0, 7.0), (3.0, 4.0, 0.0)])  # integers alone, no x and y, no antenna z
+@every("signal", [None, (0.0, 0.0, 7.0), (3.0, 4.0, 0.0)])  # integers alone, no x and y, no antenna z
 def test_otherwise_it_tells_what_its_integers_say(signal: tuple[float, float, float] | None) -> None:
     o = Observation(0.0, (0.0, 0.0, -3.0), np.eye(3), 250, 30, False, signal=signal)
     assert o.measurements == [(2.5, math.radians(30), False)]

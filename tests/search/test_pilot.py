@@ -26,6 +26,7 @@ from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame, encode
 from tests import simulated_px4
+from tests.every import every
 from tests.search.test_client import (
     BOTH,
     GLOBAL_POSITION,
@@ -569,8 +570,8 @@ def test_what_px4_does_without_set_points_depends_on_a_remote_control(manual: An
     assert world.fail(6.0).endswith(f"{LEFT}: {does}")
 
 
-@pytest.mark.parametrize(
-    ("parameter", "value", "text"),
+@every(
+    "parameter, value, text",
     [
         ("COM_RC_OVERRIDE", 2, "COM_RC_OVERRIDE is 2: without bit 0 PX4 ignores the sticks in LAND and Hold"),
         ("COM_RC_OVERRIDE", None, "COM_RC_OVERRIDE was not reported: without bit 0 PX4 ignores the sticks"),
@@ -1041,7 +1042,7 @@ def aside(degrees: float, share: float = 1.0) -> Callable[[float, complex], comp
     return lambda t, order: order * cmath.rect(share, math.radians(degrees))
 
 
-@pytest.mark.parametrize("degrees", [90.0, -90.0, 120.0, 180.0])
+@every("degrees", [90.0, -90.0, 120.0, 180.0])
 def test_a_vehicle_that_flies_elsewhere_is_known_after_its_window_with_its_direction(degrees: float) -> None:
     found = first(aside(degrees))
     after_s, deviation = found
@@ -1052,7 +1053,7 @@ def test_a_vehicle_that_flies_elsewhere_is_known_after_its_window_with_its_direc
     assert deviation.flown_m == pytest.approx(5.0, abs=0.3)
 
 
-@pytest.mark.parametrize(("speed", "at_most_s"), [(1.0, 7.0), (0.5, 12.0), (4.0, 10.0)])
+@every("speed, at_most_s", [(1.0, 7.0), (0.5, 12.0), (4.0, 10.0)])
 def test_a_vehicle_that_stands_hardly_moves(speed: float, at_most_s: float) -> None:
     found = first(lambda t, order: 0j, order=lambda t: complex(0.0, speed))
     assert found[0] < at_most_s
@@ -1078,8 +1079,8 @@ def ramp(acceleration: float) -> Callable[[float, complex], complex]:
     return flown
 
 
-@pytest.mark.parametrize(
-    ("flown", "order"),
+@every(
+    "flown, order",
     [
         pytest.param(aside(0.0), lambda t: 1 + 0j, id="follows"),
         pytest.param(aside(0.0, 0.3), lambda t: 1 + 0j, id="slow"),

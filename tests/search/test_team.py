@@ -43,6 +43,7 @@ from arva_hil.search.team.team_tunnel import parse as read
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 from firmware_proto import Channel, Decoder, Frame
+from tests.every import every
 
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
@@ -184,8 +185,8 @@ def test_what_turns_out_not_sure_after_all_is_free_again() -> None:
     assert not other.taken(7, own=False)
 
 
-@pytest.mark.parametrize(
-    ("other", "flying", "wanted", "allowed"),
+@every(
+    "other, flying, wanted, allowed",
     [
         ((5, 0, 3), True, (1, 0.5, 0), (0, 0.5, 0)),  # not nearer, but past it
         ((5, 0, 3), True, (-1, 0, 0), (-1, 0, 0)),  # away from it
@@ -209,8 +210,8 @@ def test_no_velocity_leads_to_another_vehicle(
     assert mate.apart((0.0, 0.0, -3.0), wanted, 1.2) == pytest.approx(allowed, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("other", "pushed"),
+@every(
+    "other, pushed",
     [
         (News(0, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=20.0), True),  # the lower number
         (News(2, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=20.0), False),
@@ -236,8 +237,8 @@ def test_it_makes_room_for_one_that_has_precedence(other: News, pushed: bool) ->
     assert north == pytest.approx(-1.2 if pushed else 0.0, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("others", "height", "wanted"),
+@every(
+    "others, height, wanted",
     [
         ([], 6.0, 6.0),  # nobody is known
         ([News(0, 0.0, at(9, 0, 3), True, part=0)], 6.0, 6.0),
@@ -496,8 +497,8 @@ def test_nobody_waits_for_a_part_that_does_not_exist() -> None:
     assert not mate.waits
 
 
-@pytest.mark.parametrize(
-    ("other", "under"),
+@every(
+    "other, under",
     [
         (News(0, 0.0, at(2, 0, 3), True), True),
         (News(0, 0.0, at(2, 0, 30), True), True),
@@ -770,7 +771,7 @@ def test_no_transmitter_is_flown_to_that_was_heard_far_outside_the_area() -> Non
         assert (mate.handed((0.0, 0.0, -3.0)) is not None) == flown_to
 
 
-@pytest.mark.parametrize(("east", "wanted", "made"), [(45.0, 0.0, True), (55.0, 0.0, False), (55.0, 0.5, True)])
+@every("east, wanted, made", [(45.0, 0.0, True), (55.0, 0.0, False), (55.0, 0.5, True)])
 def test_nobody_drives_it_far_out_of_the_area(east: float, wanted: float, made: bool) -> None:
     mate = member()
     mate.on_news(News(2, 0.0, at(0, east - 3, 3), True, hunting=7, hunting_m=1.0))
@@ -785,7 +786,7 @@ def test_it_descends_onto_no_vehicle_that_is_less_than_eight_metres_below(below:
     assert (mate.apart((0.0, 0.0, -20.0), (0.0, 0.0, 0.5), 1.0)[2] > 0) == descends
 
 
-@pytest.mark.parametrize("way", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+@every("way", [(1, 0), (-1, 0), (0, 1), (0, -1)])
 def test_beyond_every_side_of_the_area_it_flies_along_the_side_only(way: tuple[int, int]) -> None:
     """Another one drives it out, and it wants along the side."""
     north, east = way
@@ -818,8 +819,8 @@ def one(now: float = 0.0, speed: float = 1.0) -> Teammate:
     return mate
 
 
-@pytest.mark.parametrize(
-    ("age_s", "other", "speed", "wanted", "allowed"),
+@every(
+    "age_s, other, speed, wanted, allowed",
     [
         (0.9, (7, 0, 3), 1, (1, 0, 0), (1, 0, 0)),
         (2.0, (7, 0, 3), 1, (1, 0, 0), (-1 / 3, 0, 0)),  # it may have flown 2 m this way
@@ -1029,8 +1030,8 @@ def test_only_the_newest_news_wait_to_be_sent() -> None:
     assert [read(untunnel(message), 3) for message in tunnel.poll()] == [replace(NEWS, time_s=4.0)]
 
 
-@pytest.mark.parametrize(
-    ("system", "component", "changes"),
+@every(
+    "system, component, changes",
     [
         (99, COMPONENT, {}),  # a stranger
         (12, 1, {}),  # not from a search
@@ -1049,7 +1050,7 @@ def test_all_else_changes_nothing(system: int, component: int, changes: dict[str
     assert TeamTunnel(SYSTEMS, COMPONENT).on_packet(packet(heartbeat), 1.0) is None
 
 
-@pytest.mark.parametrize("version", [0, 1, 255])
+@every("version", [0, 1, 255])
 def test_another_version_is_not_guessed_at(version: int) -> None:
     assert read(bytes([version]) + encode(NEWS)[1:], 3) is None
 

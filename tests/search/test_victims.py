@@ -31,6 +31,7 @@ from arva_hil.search.strategies.strategy import STILL, Found, Observation, Posit
 from arva_hil.simulated.autopilot import Mode
 from firmware_proto import MORE_TRANSMITTERS, Channel, Command, CommandAnswer, Frame, encode
 from firmware_proto.commands import BINARY_HOST, BUSY, DONE, IDENTIFY, MARK, REFUSED, UNKNOWN
+from tests.every import every
 from tests.search.test_client import BOTH, World, ardupilot, read
 from tests.search.test_mission import AT, LEVEL, NORTH, Scripted, beacon
 from tests.search.test_pilot import LOW, SYS_STATUS
@@ -163,7 +164,7 @@ def test_it_hovers_above_the_place_while_pulses_overlap_and_the_mark_is_refused(
     assert rescue.of(VictimNoted)[0].marked
 
 
-@pytest.mark.parametrize(("says", "tries"), [(REFUSED, 6), (UNKNOWN, 1), (None, 0)])
+@every("says, tries", [(REFUSED, 6), (UNKNOWN, 1), (None, 0)])
 def test_a_receiver_that_marks_nobody_holds_up_nothing(says: str | None, tries: int) -> None:
     receiver = Receiver(says)
     rescue = Rescue(2, receiver)

@@ -223,8 +223,8 @@ def test_message_interval_is_told() -> None:
     assert client.command(GET_INTERVAL, 9999) == FAILED
 
 
-@pytest.mark.parametrize(
-    ("group", "kinds"),
+@every(
+    "group, kinds",
     [
         (6, {"GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"}),
         (10, {"ATTITUDE"}),
@@ -298,8 +298,9 @@ def test_all_its_parameters_are_told_to_who_asks_for_the_list() -> None:
 # Whom it obeys
 
 
-@pytest.mark.parametrize(
-    ("target", "obeys"), [((1, 1), True), ((0, 0), True), ((1, 0), True), ((2, 1), False), ((1, 100), False)]
+@every(
+    "target, obeys",
+    [((1, 1), True), ((0, 0), True), ((1, 0), True), ((2, 1), False), ((1, 100), False)],
 )
 def test_it_obeys_what_is_addressed_to_it(target: tuple[int, int], obeys: bool) -> None:
     client = Client()
@@ -449,8 +450,8 @@ def test_velocity(frame: int) -> None:
     assert client.height() - height == pytest.approx(2, abs=0.1)
 
 
-@pytest.mark.parametrize("frame", [BODY, BODY_OFFSET])
-@pytest.mark.parametrize("yaw", [0.0, 1.2, 3.0, -2.2])
+@every("frame", [BODY, BODY_OFFSET])
+@every("yaw", [0.0, 1.2, 3.0, -2.2])
 def test_body_frames_turn_with_the_yaw(frame: int, yaw: float) -> None:
     client = Client().take_off()
     client.steer(mask=NO_POSITION | NO_ACCELERATION | NO_RATE, yaw=yaw, then_s=6)
@@ -518,7 +519,7 @@ def test_set_points_need_guided(mode: int) -> None:
     assert client.truth().velocity == pytest.approx((0, 0, 0), abs=0.02)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@every("bad", [math.nan, math.inf, -math.inf])
 def test_set_points_that_are_no_numbers(bad: float) -> None:
     client = Client().take_off()
     client.steer((1.0, 0.0, 0.0))

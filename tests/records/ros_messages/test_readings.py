@@ -25,6 +25,7 @@ from arva_hil.records.ros_messages.recorded import messages_of
 from arva_hil.records.ros_messages.types import Point, Publication, Quaternion, Vector3, encode, names_of
 from firmware_proto import INNER, MID, Channel, Frame
 from tests import made_records
+from tests.every import every
 from tests.files import rows as table
 from tests.made_frames import frame_made
 
@@ -220,7 +221,7 @@ def test_places_and_vectors() -> None:
     assert geometry.body_vector([1.0, 2.0, 3.0]) == Vector3(1.0, -2.0, -3.0)
 
 
-@pytest.mark.parametrize(("heading", "yaw"), [(0, 90), (90, 0), (180, -90), (-90, 180), (30, 60)])
+@every("heading, yaw", [(0, 90), (90, 0), (180, -90), (-90, 180), (30, 60)])
 def test_a_level_vehicle_heading_north_has_the_yaw_90_of_ros(heading: float, yaw: float) -> None:
     turned = matrix(geometry.orientation(rotation.to_matrix(rotation.from_euler(0, 0, math.radians(heading)))))
     forward = [math.cos(math.radians(yaw)), math.sin(math.radians(yaw)), 0]
@@ -316,7 +317,7 @@ def test_hypotheses_their_ellipse_and_the_goal_are_drawn_and_those_that_are_drop
     assert [(s["ns"], s["id"], s["action"]) for s in shapes] == [("hypotheses", 0, 0), ("hypotheses", 1, 2)]
 
 
-@pytest.mark.parametrize("bearing_deg", [0, 30, 90, 150])
+@every("bearing_deg", [0, 30, 90, 150])
 def test_the_ellipse_has_the_long_axis_of_the_covariance_and_95_percent(bearing_deg: float) -> None:
     along = np.array([math.cos(math.radians(bearing_deg)), math.sin(math.radians(bearing_deg))])  # north, east
     matrix = 9.0 * np.outer(along, along) + 1.0 * (np.eye(2) - np.outer(along, along))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -22,6 +21,7 @@ from arva_hil.records.ros_messages.types import (
     encode,
     schema,
 )
+from tests.every import every
 
 from .oracle import plain, read
 
@@ -32,7 +32,7 @@ DIRECTION = st.builds(Vector3, st.floats(), st.floats(), st.floats())
 SLOT = st.builds(ArvaData, INT32, st.floats(width=32), DIRECTION, INT32, st.integers(0, 255))
 
 
-@pytest.mark.parametrize("cls", PUBLISHED, ids=lambda cls: cls.__msgtype__)
+@every("cls", PUBLISHED)
 def test_a_schema_is_all_that_another_program_needs(cls: type[Message]) -> None:
     theirs = get_typestore(Stores.EMPTY)
     theirs.register(get_types_from_msg(schema(cls), cls.__msgtype__))
