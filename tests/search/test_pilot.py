@@ -19,6 +19,7 @@ from arva_hil.clock import Clock
 from arva_hil.events.searches import SearchEnded
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.mavlink.dialect import CRC_EXTRA, MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.search.flight import links
 from arva_hil.search.flight.airborne import Deviation, SetPointCheck
 from arva_hil.simulated import arducopter
 from arva_hil.simulated.arducopter import FAILSAFES
@@ -213,10 +214,13 @@ def test_a_set_point_that_did_not_leave_is_sent_again_at_once(refused: str) -> N
     assert widest_gap(at for at, _ in set_points(world)) <= 0.25 + 0.06 * longest
 
 
-def test_a_flood_that_cannot_be_read_to_its_end_gets_no_order_and_does_not_hold_it_up() -> None:
+def test_a_flood_that_cannot_be_read_to_its_end_gets_no_order_and_does_not_hold_it_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(links, "_AT_ONCE", 1 << 14)
     world = hunting(ardupilot())
     link, read, ready = world.autopilot, world.autopilot.read, world.autopilot.ready
-    noise = b"\x00" * (1 << 16)
+    noise = b"\x00" * (1 << 12)
     serving: list[bool] = []
     service = world.client.service
 
