@@ -411,9 +411,9 @@ def test_every_mistake_is_listed(text: str, expected: list[str]) -> None:
         ("[" * 100_000, "1:21: more than 20 levels, expected fewer"),
         ("- " * 500, "1:41: more than 20 levels, expected fewer"),
         ("{a: " * 500, "1:78: more than 20 levels, expected fewer"),
-        ("".join(f"key_{n}: 1\n" for n in range(6_000)), "1001:1: more than 1000 keys, expected fewer"),
+        ("".join(f"key_{n}: 1\n" for n in range(1_100)), "1001:1: more than 1000 keys, expected fewer"),
         (
-            "transmitters:\n" + "- {id: 1, enu: [5, 20, 0]}\n" * 2_500,
+            "transmitters:\n" + "- {id: 1, enu: [5, 20, 0]}\n" * 1_100,
             "1002:3: more than 1000 mappings in a list, expected fewer",
         ),
     ],
@@ -436,12 +436,11 @@ def test_a_billion_laughs_is_a_list_of_mistakes() -> None:
     assert found[-1] == "51:15: the alias *a49, expected the value itself"
 
 
-@pytest.mark.parametrize("count", [256, 1000])
-def test_255_transmitters_are_read_and_more_are_one_mistake(count: int) -> None:
-    lines = [f"- {{id: {i}, ned: [{i}, 0, 0]}}\n" for i in range(count)]
+def test_255_transmitters_are_read_and_more_are_one_mistake() -> None:
+    lines = [f"- {{id: {i}, ned: [{i}, 0, 0]}}\n" for i in range(256)]
     assert len(parse("transmitters:\n" + "".join(lines[:255]), "").transmitters) == 255
     assert mistakes("transmitters:\n" + "".join(lines)) == [
-        f"2:1: transmitters: a list of {count}, expected a list of 1 to 255 transmitters"
+        "2:1: transmitters: a list of 256, expected a list of 1 to 255 transmitters"
     ]
 
 
