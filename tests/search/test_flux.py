@@ -22,8 +22,8 @@ from arva_hil.search.strategies.dipole import (
     DipoleReadings,
     Reading,
     evaluate,
-    leaning,
     likely_pose_errors,
+    of_receiver,
     refine,
     seeds,
 )
@@ -409,6 +409,28 @@ def hypotheses(rng: np.random.Generator, k: int) -> np.ndarray:
     return np.concatenate([place, moment, np.zeros((k, 1))], axis=1)
 
 
+@pytest.mark.parametrize("inner", [False, True])
+def test_unequal_antennas_change_readings_as_the_fit_assumes(inner: bool) -> None:
+    rng = np.random.default_rng(8)
+    (x,), places, turns = hypotheses(rng, 1), rng.uniform(-20, 20, (9, 3)), Rotation.random(9, rng)
+    exact, unequal = DipoleReadings(), DipoleReadings()
+    gains = np.array([1.002, 0.997, 1.001])
+    for at, turn in zip(places, turns, strict=True):
+        rho, m = np.linalg.norm(at - x[:3]), x[3:6]
+        n = (at - x[:3]) / rho
+        h = turn.inv().apply((3 * (m @ n) * n - m) / rho**3)
+        for o, (hx, hy, hz) in (exact, h), (unequal, gains * h):
+            size = math.hypot(hx, hy, hz if inner else 0.0)
+            o.add(at, turn.as_matrix(), size ** (-1 / 3), math.atan2(hy, hx), inner)
+    _, slopes = of_receiver(x[None], exact)
+    changed = evaluate(x[None], exact, 0.0).error - evaluate(x[None], unequal, 0.0).error
+    expected = (np.log(gains) @ slopes)[0]
+    told = exact.told.copy()
+    told[:2] = False  # number 0 is the prior
+    np.testing.assert_allclose(changed[0, told], expected[told], atol=2e-5)
+    assert np.abs(expected[told]).max() > 1e-3
+
+
 def lying(seed: int) -> tuple[Receiver, np.ndarray, np.ndarray]:
     """A reference transmitter at any attitude; also the hypothesis that is true, and the way of a vehicle past it."""
     rng = np.random.default_rng(seed)
@@ -477,7 +499,7 @@ def leans_with(step: tuple[float, float, float], attitudes: Rotation, inner: boo
     x[:, 6] = 1.0
     difference = evaluate(x, turned(*step), 0.1).error - evaluate(x, turned(*(-one for one in step)), 0.1).error
     difference = np.remainder(difference + math.pi / 2, math.pi) - math.pi / 2  # over the edge at ±90°
-    slopes = leaning(x, turned(0.0, 0.0, 0.0))[:, step.index(size)]
+    slopes = of_receiver(x, turned(0.0, 0.0, 0.0))[0][:, step.index(size)]
     assert slopes == pytest.approx(difference / (2 * size), rel=1e-4, abs=1e-4)
 
 

@@ -236,20 +236,24 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float | Array, chance: flo
     return Fit(x, cost, information, gradient, e, weight, slope, variance, j)
 
 
-def leaning(x: Array, o: DipoleReadings) -> Array:
-    """Return (K, 3, M) the slopes of the errors of `evaluate` over the receiver's roll and pitch [1/rad].
+def of_receiver(x: Array, o: DipoleReadings) -> tuple[Array, Array]:
+    """Return the slopes (K, 3, M) of the errors of `evaluate` over the receiver's lean, and over its gains.
 
-    The last is the error if the yaw is one of the compass: it turns about the vertical, and a mount about the
-    receiver's own axis. For a level receiver both are the same.
+    The lean: roll and pitch [1/rad]; the last is the error if the yaw is one of the compass: it turns about the
+    vertical, and a mount about the receiver's own axis. For a level receiver both are the same. The gains: logarithms
+    of those of x, y and z.
     """
     *_, h = _field(x, o)
-    down = np.cross(o.axis.real, o.axis.imag, axis=0)
-    across = np.where(o.inner, 0, _dot(down, h) / (_dot(o.axis, h) + 1e-12))
+    ahead, right, down = o.axis.real, o.axis.imag, np.cross(o.axis.real, o.axis.imag, axis=0)
+    parts = np.concatenate([_dot(axis, h) for axis in (ahead, right, down)], axis=1)  # (K, 3, N)
+    z = parts[:, :1] + 1j * parts[:, 1:2] + 1e-12
+    across = np.where(o.inner, 0, parts[:, 2:] / z)
     roll, pitch = 1j * across, -across
     compass = x[:, 6:, None] * (o.axis[2].real * roll + o.axis[2].imag * pitch)
-    slopes = np.concatenate([roll, pitch, compass], axis=1).view(float)
-    slopes[:, :, :2] = 0  # number 0 is the prior
-    return slopes
+    leaning = np.concatenate([roll, pitch, compass], axis=1)
+    gains = np.where(o.inner, parts**2 / (_dot(h, h) + 1e-20), parts * np.array([[1], [1j], [0]]) / z)
+    leaning[:, :, 0] = gains[:, :, 0] = 0  # number 0 is the prior
+    return leaning.view(float), gains.view(float)
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float | Array, rounds: int) -> tuple[Fit, Array]:

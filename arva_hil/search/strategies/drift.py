@@ -33,10 +33,10 @@ _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different on
 _LEAST: Final = 0.5  # least size of all errors of a fit, as a share of those assumed
 _DISCOUNT: Final = 2.0  # divides the evidence of the readings: their errors are less independent than in the fit
 _LIKELY: Final = 0.003  # least share of a fit that is fitted again
-# Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; a share of the field by
-# cos 2δ, and an angle by sin 2δ [rad], of unequal antennas; the power of d.
+# Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; the gain of each antenna;
+# the power of d.
 _LATE_S: Final = 0.3
-_UNEQUAL: Final = (0.07, 0.1)
+_UNEQUAL: Final = 0.1
 _LAW: Final = 0.05
 _LAW_M: Final = 3.0  # the law is right here
 _MOUNT: Final = 0.03  # sigma of its roll and pitch against those of the vehicle, rad
@@ -146,7 +146,7 @@ def fitted(
     newest = variance * _alike(o.time_s - o.time_s[1:].max(initial=0.0) - ahead_s, errors.times_s)
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is the prior
     late_m = np.zeros((3, n)) if velocity is None else errors.receiver * _LATE_S * velocity
-    receiver = errors.receiver * _of_receiver(o)
+    law = errors.receiver * _of_law(o)
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
     there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, n))
     for k, before in enumerate(near):
@@ -156,11 +156,11 @@ def fitted(
         numbers = list(going)
         there.at = o.at - drift[numbers]
         fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.chance)
-        leaning = np.zeros((len(numbers), 0, 2 * n))
-        if errors.mount:
-            leaning = dipole.leaning(x[numbers], there) * [[errors.mount], [errors.mount], [1.0]]
+        leaning, unequal = dipole.of_receiver(x[numbers], there)
+        leaning *= [[errors.mount], [errors.mount], [1.0]]
+        unequal *= errors.receiver * _UNEQUAL
         for row, k in enumerate(numbers):
-            causes = np.concatenate([receiver, leaning[row]])
+            causes = np.concatenate([law, unequal[row], leaning[row]])
             one = _linear(fit, row, drift[k], errors.white_m, both, late_m, causes)
             if going[k] <= 0:
                 fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, variance, o.time_s)
@@ -175,11 +175,9 @@ def fitted(
     return [fits[k] for k in range(len(x))]
 
 
-def _of_receiver(o: dipole.DipoleReadings) -> Array:
-    """Return the errors (3, 2N) of readings by unequal antennas, and by another law of d, one sigma of each."""
-    turn = np.where(o.inner, 0, np.exp(-2j * o.said.imag))
-    of_d, of_delta = _UNEQUAL
-    errors = np.array([of_d * turn.real, 1j * of_delta * turn.imag, -_LAW * (o.said.real + 3 * math.log(_LAW_M))])
+def _of_law(o: dipole.DipoleReadings) -> Array:
+    """Return the errors (1, 2N) of readings by another law of d, one sigma."""
+    errors = np.array([-_LAW * (o.said.real + 3 * math.log(_LAW_M)) + 0j])
     errors[:, 0] = 0  # number 0 is the prior
     return errors.view(float)
 
