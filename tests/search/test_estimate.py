@@ -135,6 +135,19 @@ def test_one_certain_reading_among_uncertain_ones_reports_no_place(
     assert flight.error_m < 0.3
 
 
+def test_a_place_that_is_not_exact_is_reported_after_another_circle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors that are alike within seconds make sigma too small: of 200 places 3 were farther than three sigmas."""
+    times_s = []
+    for sigma_m in (0.01, 0.1):
+
+        def scripted(*arguments: Any, variance: float = sigma_m**2) -> PlaceNow:
+            return place_now(*arguments)._replace(covariance=(variance, 0.0, variance))
+
+        monkeypatch.setattr(estimate, "place_now", scripted)
+        times_s.append(fly(Estimate(1.0), PAPER[1]).time_s)
+    assert times_s[1] > times_s[0] + 5.0
+
+
 def test_a_place_is_not_certain_under_the_largest_drift_or_if_places_wander_without_one() -> None:
     evidence = Evidence()
     for k in range(24):
