@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Final, Protocol
 
-from arva_hil.clock import Clock, Waitable, await_descriptors
+from arva_hil.clock import Clock, Waitable, any_ready, await_descriptors
 from arva_hil.emulator.engine import Addressees, Emulator, EngineOptions
 from arva_hil.emulator.ports import Output
 from arva_hil.events import Event, LinkLost
@@ -164,7 +164,7 @@ class Live:
             while self._read(name, clock, patience) and late_s > _HELD_UP_S and clock.now() <= patience:
                 pass  # after a delay read all waiting bytes
         now = clock.now()
-        may_rest = clock.early_s > 0 and not self.emulator.options.needs_times
+        may_rest = clock.early_s > 0 and not self.emulator.options.needs_times and not any_ready(self._ready.waitables)
         self._rests = may_rest and self._reads > reads and self._reads % _PROMPT > 0
         rested = now + _REST_S if self._rests else math.inf
         due = now >= self.emulator.next_deadline()

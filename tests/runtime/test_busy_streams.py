@@ -128,3 +128,22 @@ def test_a_live_run_rests_between_the_packets_of_a_busy_stream_and_its_poses_sta
         assert all(abs(frame.instant_s - (frame.boot_s or 0.0)) < 0.005 for frame in diary.frames[5:])
         wakes[tell_packets] = live.wakes
     assert wakes[False] < 0.75 * wakes[True]
+
+
+class PiecewiseLink(MemoryLink):
+    """A link that returns one write at a read, as a socket returns a few datagrams."""
+
+    def read(self) -> bytes:
+        return self._inbox.popleft() if self._inbox else super().read()
+
+
+def test_a_live_run_does_not_rest_while_bytes_wait() -> None:
+    """Of 200 datagrams a second none is left in the system's buffer, which loses what it has no room for."""
+    diary, far, (port, _) = Diary(), MemoryLink("vehicle", None), pair()
+    near = far._far = PiecewiseLink("autopilot", None)
+    engine = Emulator([one_vehicle(parse(SCENARIO % 10, "test"), Session(passive=True))], start=0.0)
+    live = Live(engine, {"autopilot": near}, {"port": port}, Audience([diary]))
+    run([Autopilot(far, [n / 200 + 1e-4 for n in range(600)]), live], RealisticClock(), until=SECONDS)
+    ages = [frame.age_s for frame in diary.frames[5:] if frame.age_s is not None]
+    assert max(ages) < 0.055  # a rest is 50 ms long
+    assert len(near._inbox) <= 10
