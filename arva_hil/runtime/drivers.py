@@ -164,6 +164,8 @@ class Live:
             while self._read(name, clock, patience) and late_s > _HELD_UP_S and clock.now() <= patience:
                 pass  # after a delay read all waiting bytes
         now = clock.now()
+        if now - self.emulator.next_deadline() > _CATCH_UP_S > late_s:
+            return now  # the process was stopped while it read: read again before frames are made
         may_rest = clock.early_s > 0 and not self.emulator.options.needs_times and not any_ready(self._ready.waitables)
         self._rests = may_rest and self._reads > reads and self._reads % _PROMPT > 0
         rested = now + _REST_S if self._rests else math.inf
@@ -192,7 +194,10 @@ class Live:
         }
 
     def _read(self, name: str, clock: Clock, patience: float) -> bool:
-        """Read a link once. Frames that are due go first after the time `patience`. Returns False without bytes."""
+        """Read a link once. Returns False without bytes.
+
+        After the time `patience` frames that are due go first. Long after it the process was stopped: bytes go first.
+        """
         link = self._autopilots[name]
         try:
             chunks = link.receive()
@@ -207,7 +212,7 @@ class Live:
         for sender, data in chunks:
             for at in range(0, len(data), _PIECE):
                 now = clock.now()
-                if now > patience and now >= self.emulator.next_deadline():
+                if patience < now < patience + _CATCH_UP_S and now >= self.emulator.next_deadline():
                     self._do_due(now)
                 link.follow(*self.emulator.receive(name, data[at : at + _PIECE], came, sender))
         self._reads += bool(chunks)

@@ -324,25 +324,33 @@ def test_a_vehicle_that_was_silent_for_some_seconds_is_asked_again_at_once(
     assert bench.session.navigation.reboots == 1
 
 
+@pytest.mark.parametrize("within", [False, True])
 def test_after_a_stall_all_that_waits_is_read_before_a_frame_is_made(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, within: bool
 ) -> None:
-    """A process that was stopped for some seconds finds them in its link, a piece at a read, the oldest first."""
-    link = bench.autopilot.link
+    """A process that was stopped for some seconds finds them in its link, a piece at a read, the oldest first.
+
+    `within`: it was stopped while it read, in time for the next frame.
+    """
+    link, clock = bench.autopilot.link, bench.clock
     take, pieces = link.receive, deque[tuple[Sender, bytes]]()
+    stops = iter([within])
 
     def receive() -> list[tuple[Sender, bytes]]:
         for sender, data in take():
             pieces.extend((sender, data[at : at + 4096]) for at in range(0, len(data), 4096))
+        if next(stops, False):
+            run([bench], clock, until=clock.now() + 3.0)  # the vehicle goes on, the emulator does not
         return [pieces.popleft()] if pieces else []
 
     monkeypatch.setattr(link, "receive", receive)
-    stopped = bench.clock.now()
-    run([bench], bench.clock, until=stopped + 3.0)  # the vehicle goes on, the emulator does not
-    made = len(bench.diary.frames)
-    bench.emulator.service(bench.clock)
+    made, stopped = len(bench.diary.frames), clock.now()
+    run([bench], clock, until=stopped + (0.0 if within else 3.0))
+    while len(bench.diary.frames) == made:
+        assert clock.now() < stopped + 4.0
+        clock.wait(bench.emulator.service(clock))
     late = bench.diary.frames[made:]
-    assert late
+    assert len(late) > 10
     assert all(frame.age_s is not None and frame.age_s < 0.2 for frame in late)
 
 
