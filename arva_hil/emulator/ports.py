@@ -209,11 +209,15 @@ class LateWatch:
 
     def __init__(self, vehicle: str, receiver: str) -> None:
         self._about = vehicle, receiver
-        self._late = 0  # late frames minus those in time
+        self._late = 0  # late frames minus those in time; those of one instant count once
+        self._checked_at = -math.inf
         self._reported = False
 
     def check(self, late_s: float, now: float) -> list[Event]:
         """Return an event if most frames are late, and the next one only after as many were in time."""
+        if now == self._checked_at:  # one of a backlog, as after a stop of the process
+            return []
+        self._checked_at = now
         self._late = min(self._late + 1, _OFTEN) if late_s > _LATE_S else max(self._late - 1, 0)
         often, reported = self._late == _OFTEN, self._reported
         self._reported = often or (reported and self._late > 0)

@@ -108,12 +108,14 @@ def test_a_vehicle_whose_frames_are_late_again_and_again_is_named_once() -> None
             now += every
 
     serve(2.0, 0.01)
+    now += 3.0  # the process was stopped once: a second of frames is sent at once
+    serve(6.0, 0.01)
     assert not told
-    serve(6.0, 0.17)  # a machine with too much to do
+    serve(10.0, 0.17)  # a machine with too much to do
     assert [vehicle for vehicle, _ in told] == ["v0"]
     assert told[0][1] > 0.05
-    serve(9.0, 0.01)
-    serve(15.0, 0.17)
+    serve(13.0, 0.01)
+    serve(17.0, 0.17)
     assert [vehicle for vehicle, _ in told] == ["v0", "v0"]
 
 
