@@ -166,6 +166,13 @@ def test_streams_that_flow_fast_are_left_alone(attitude: int) -> None:
     assert bench.rates() == pytest.approx((49, 40), rel=0.05)
 
 
+def test_the_rate_of_a_stream_of_a_kilohertz_is_measured() -> None:
+    streams = Streams(50.0, lambda *event: None)
+    for n in range(3000):
+        streams.on_message(dialect.MAVLINK_MSG_ID_ATTITUDE, n / 1000)
+    assert streams.rates(3.0)["ATTITUDE"] == pytest.approx(1000, rel=0.01)
+
+
 def test_only_the_slow_stream_is_asked_for() -> None:
     bench = Stepped(SimulatedVehicle(HOME, streams={POSITION: 10, QUATERNION: 50})).run(20)
     assert bench.asked() == {(SET_INTERVAL, POSITION): 1, ASKED_HOME: 1}
