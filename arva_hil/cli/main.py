@@ -32,7 +32,7 @@ from arva_hil.cli.outcome import (
 from arva_hil.cli.terminal import StdoutError, StdoutReaderGone, abandon, flush, refuse_closed, reserve, show, tell
 from arva_hil.errors import ArvaError, nearest
 
-OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators of tests/sitl
+OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4", "ARVA_HIL_FLIGHTS", "ARVA_HIL_LUA_STREAMS")
 
 
 def unknown_variables(environment: Mapping[str, str], parser: CommandParser, commands: Iterable[str]) -> list[str]:

@@ -601,6 +601,14 @@ def test_a_variable_that_is_an_option_of_no_command_is_named_and_no_error(
     assert arva("check", DEFAULT).err == (f"warning: {said}\n" if said else "")
 
 
+def test_the_variables_of_the_tests_are_known_not_to_be_options() -> None:
+    """Whoever has set one for the tests is not warned by the program, nor by a program that they start."""
+    lines = [line for file in DATA.parent.rglob("*.py") for line in file.read_text().splitlines()]
+    ours = {name for line in lines if "os.environ.get(" in line for name in re.findall(r'"(ARVA_HIL_\w+)"', line)}
+    assert ours >= {"ARVA_HIL_PX4", "ARVA_HIL_FLIGHTS"}
+    assert main.unknown_variables(dict.fromkeys(ours, "1"), CommandParser(), COMMANDS) == []
+
+
 def test_a_variable_for_what_has_to_be_typed_is_named() -> None:
     parser = CommandParser(prog="x")
     parser.option("--yes", "", environment=False)

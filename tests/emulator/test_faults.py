@@ -760,7 +760,6 @@ def test_an_option_says_the_same_as_a_scenario(option: str, same: str) -> None:
 def test_a_wrong_option_is_refused(
     option: str, what: str, cure: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv("ARVA_HIL_FLIGHTS", raising=False)  # of the golden frames: no option of the program
     assert main(["replay", str(LOG), "--fault", option]) == 2
     said = capsys.readouterr().err
     assert said.startswith("arva-hil: ")
