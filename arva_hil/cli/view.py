@@ -11,6 +11,7 @@ from pathlib import Path
 
 from arva_hil.cli import replay
 from arva_hil.cli.arguments import parser_of
+from arva_hil.cli.arguments.shared import OFF
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
 from arva_hil.cli.recorded import write
 from arva_hil.cli.terminal import tell
@@ -24,8 +25,7 @@ from arva_hil.records.reading import Recording, load
 
 
 def main(options: argparse.Namespace) -> int:
-    if options.out and options.typed & {"web", "duration"}:
-        raise UsageError("--out: the command writes the file and ends: leave out --web and --duration")
+    _check(options)
     guard, clock = SignalGuard(), RealClock()
     with guard, ExitStack() as stack:
         if (recording := _recording(options, stack)) is None:
@@ -37,14 +37,25 @@ def main(options: argparse.Namespace) -> int:
             write(Path(options.out), page, recording)
             tell(f"{options.out}: {len(page) / 1e6:.1f} MB, needs neither arva-hil nor a network")
             return OK
-        server = serve(options.web, state)
+        wanted = options.web if isinstance(options.web, HostPort) else HostPort()
+        server = serve(wanted, state)
         stack.callback(server.close)
-        tell(*said_of_page(server.address, options.web))
+        tell(*said_of_page(server.address, wanted))
         first, last = recording.span_s
         tell(f"{recording.title}: {last - first:.0f} s; Ctrl-C ends")
         while not (guard.caught or guard.error) and clock.now() < options.duration:
             clock.wait(min(clock.now() + 0.1, options.duration))
     return INTERRUPTED if guard.caught else OK
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse options that do not fit together. A typed page is stronger than a file in the environment."""
+    if options.out and any(name in options.typed and getattr(options, name) != OFF for name in ("web", "duration")):
+        if "out" in options.typed:
+            raise UsageError("--out: the command writes the file and ends: leave out --web and --duration")
+        options.out = None
+    if options.web == OFF and "web" in options.typed and not options.out:
+        raise UsageError("--web off: this command serves the page: leave it out, or name a file with --out FILE")
 
 
 def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | None:

@@ -176,6 +176,30 @@ def test_the_page_of_view_does_not_replace_the_record_or_the_log_it_shows(arva: 
     assert log.read_bytes() == b"flight"
 
 
+def test_a_page_typed_is_stronger_than_a_file_of_the_environment(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, file = write(tmp_path / "flight", 0, search=False), tmp_path / "flight.html"
+    monkeypatch.setenv("ARVA_HIL_OUT", str(file))
+    assert "page: http://127.0.0.1:" in arva("view", run, "--web", "127.0.0.1:0", "--duration", 0.01).err
+    assert "page: http://127.0.0.1:" in arva("view", run, "--duration", 0.01).err
+    assert not file.exists()
+    assert "page: " not in arva("view", run, "--web", "off").err
+    assert file.exists()
+
+
+@pytest.mark.parametrize("usual", ["on", "off"])
+def test_view_has_its_page_whatever_the_environment_says_of_other_runs(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, usual: str
+) -> None:
+    run = write(tmp_path / "flight", 0, search=False)
+    monkeypatch.setenv("ARVA_HIL_WEB", usual)
+    assert re.search(r"^page: http://127\.0\.0\.1:\d+/", arva("view", run, "--duration", 0.01).err, re.MULTILINE)
+    assert arva.refused("view", run, "--web", "off") == (
+        "arva-hil: --web off: this command serves the page: leave it out, or name a file with --out FILE\n"
+    )
+
+
 # -- `arva-hil export`: a record, a format, a file -------------------------------------------------------------
 
 

@@ -593,7 +593,7 @@ def test_events_that_are_not_as_expected_do_no_harm(record: Path, line: str) -> 
         (["{record}/nowhere"], "nowhere: no such folder; name one that --record has written"),
         (["{record}"], "readings.csv:3: "),
         (["{record}", "--web", "1.2.3.4.5:80"], "1.2.3.4.5:80: the page cannot be served: "),
-        (["{record}", "--web", "off"], "off:8457: the page cannot be served: no address of that name"),
+        (["{record}", "--web", "none"], "none:8457: the page cannot be served: no address of that name"),
         (["{record}", "--scenario", "builtin:x"], "--scenario: a record has its own"),
         (["{record}/run.json"], "run.json"),
     ],

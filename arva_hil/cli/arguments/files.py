@@ -5,7 +5,6 @@ from __future__ import annotations
 from arva_hil.cli.arguments import shared
 from arva_hil.cli.options import CommandParser, kind, number, option, whole
 from arva_hil.config.ranges import LARGEST_SEED
-from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.registry import EXPORTS
 
 
@@ -138,15 +137,8 @@ def view(parser: CommandParser) -> None:
     """
     parser.add_argument("record_or_log", metavar="RUN|LOG", help="folder of a record, or MAVLink telemetry log")
     parser.options(
-        option(
-            "--web HOST:PORT",
-            "address of the page: HOST, PORT or HOST:PORT; the next free port if this one is taken; default "
-            f"{HostPort()}",
-            parse_address,
-            HostPort(),
-        ),
+        *shared.web_options(default="on"),
         option("--scenario FILE", "scenario for a log (YAML), or builtin:NAME"),
-        shared.MAP,
         option(
             "--out FILE",
             "instead write one HTML file that plays the record without arva-hil and without a network, and end; at "

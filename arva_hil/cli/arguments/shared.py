@@ -130,11 +130,6 @@ LIVE: Final = (
     ),
 )
 """The options that send events to other programs during a run."""
-MAP: Final = option(
-    "--map FILE",
-    "picture under the page's map: a GeoTIFF or MBTiles file on this computer; needs the extra maps; default: "
-    "hillshade and contour lines of the scenario's terrain file",
-)
 
 
 def web_options(*, default: str = OFF) -> tuple[Adder, ...]:
@@ -147,7 +142,11 @@ def web_options(*, default: str = OFF) -> tuple[Adder, ...]:
             web,
             const=HostPort(),
         ),
-        MAP,
+        option(
+            "--map FILE",
+            "picture under the page's map: a GeoTIFF or MBTiles file on this computer; needs the extra maps; default: "
+            "hillshade and contour lines of the scenario's terrain file",
+        ),
     )
 
 
