@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from arva_hil.bench.clauses import clauses
 from arva_hil.bench.judge import Verdict, judge
-from arva_hil.cli.outcome import FAILED, OK, UsageError
+from arva_hil.cli.outcome import FAILED, OK, NotWritten, UsageError
 from arva_hil.cli.terminal import show
 from arva_hil.errors import nearest
 from arva_hil.safe_text import one_line
@@ -54,7 +54,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _write_junit(path: str, verdicts: Sequence[Verdict], failed: int) -> None:
-    """Write the results as JUnit XML. Raises UsageError."""
+    """Write the results as JUnit XML. Raises NotWritten."""
     suite = ElementTree.Element("testsuite", name="arva-hil conform", tests=str(len(verdicts)), failures=str(failed))
     for clause, why in verdicts:
         case = ElementTree.SubElement(suite, "testcase", classname=f"PROTOCOL.md.{clause.section}", name=clause.name)
@@ -63,4 +63,4 @@ def _write_junit(path: str, verdicts: Sequence[Verdict], failed: int) -> None:
     try:
         ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
     except OSError as error:
-        raise UsageError(f"--junit {path}: cannot be written: {error.strerror}") from None
+        raise NotWritten(f"--junit {path}", error) from None

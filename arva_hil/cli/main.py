@@ -22,9 +22,9 @@ from arva_hil.cli.outcome import (
     INTERRUPTED,
     NO_READER,
     OK,
-    USAGE,
     Failure,
     UsageError,
+    code_of,
     interrupting,
     traceback_lines,
     unexpected_error,
@@ -147,7 +147,7 @@ def _guarded(arguments: list[str]) -> int:
         tell(f"arva-hil: {first}", *rest)
         if isinstance(error, StdoutError):
             abandon(sys.stdout)
-        return error.code if isinstance(error, Failure) else USAGE
+        return code_of(error)
     except Exception as error:
         if {"-v", "-vv", "--verbose"} & set(arguments):
             tell(*traceback_lines(error))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import signal
 import threading
 import traceback
@@ -37,6 +38,24 @@ class UsageError(Failure):
 
     def __init__(self, *lines: object) -> None:
         super().__init__(USAGE, *lines)
+
+
+class NotWritten(ArvaError):
+    """An output cannot be written. `done`: the missing deed."""
+
+    def __init__(self, place: object, error: OSError, done: str = "written") -> None:
+        super().__init__(f"{place}: cannot be {done}: {error.strerror or error}")
+
+
+_FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def code_of(error: ArvaError) -> int:
+    """Return the exit code of an error: its own, else USAGE, e.g. for a wrong name; FAILED for a full disk."""
+    if isinstance(error, Failure):
+        return error.code
+    cause = error.__context__
+    return FAILED if isinstance(cause, OSError) and cause.errno in _FULL else USAGE
 
 
 _SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]

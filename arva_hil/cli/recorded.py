@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from arva_hil.cli.outcome import FAILED, Failure, UsageError
+from arva_hil.cli.outcome import NotWritten, UsageError
 from arva_hil.cli.terminal import binary_stdout, tell
 from arva_hil.links import files
 from arva_hil.records.reading import Recording, load
@@ -31,7 +31,7 @@ def is_campaign(folder: str) -> bool:
 def output(name: str, *recordings: Recording) -> Iterator[BinaryIO]:
     """Open a file that replaces the one of this name when it is complete; stdout for "-".
 
-    Raises UsageError for one of the records' own files, and Failure.
+    Raises UsageError for one of the records' own files, and NotWritten.
     """
     if name == "-":
         with binary_stdout() as out:
@@ -45,7 +45,7 @@ def output(name: str, *recordings: Recording) -> Iterator[BinaryIO]:
         with files.replacing(path) as out:
             yield out
     except OSError as error:
-        raise Failure(FAILED, f"{path}: cannot be written: {error.strerror or error}") from None
+        raise NotWritten(path, error) from None
     tell(f"written: {path}")
 
 
@@ -56,11 +56,11 @@ def write(path: Path, data: bytes, *recordings: Recording) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, if there is none. Raises Failure."""
+    """Make a folder, if there is none. Raises NotWritten."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise Failure(FAILED, f"{folder}: cannot be made: {error.strerror or error}") from None
+        raise NotWritten(folder, error, "made") from None
 
 
 @contextlib.contextmanager

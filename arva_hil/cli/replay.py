@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
-from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.outcome import NotWritten, UsageError
 from arva_hil.cli.terminal import bar, tell
 from arva_hil.clock import RealClock
 from arva_hil.config import Scenario
@@ -155,7 +155,7 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
     try:
         return StdoutLink(stack.enter_context(open(path, "wb", buffering=0)), path)
     except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+        raise NotWritten(path, error) from None
 
 
 def refuse_log(out: str, log: str) -> None:

@@ -36,13 +36,54 @@ from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.records.writing import growing_files
 from arva_hil.runtime import drivers
+from tests.campaign.fakes import PLAN
 from tests.files import written
 from tests.free_ports import free_port
+from tests.made_records import write
 from tests.signal_at import signalled
 
 from .far_ends import Arva, Autopilot, Keep, Start, frames_in, read_frames, until
 
 DATA = Path(__file__).parent.parent / "data"
+
+
+# -- an output that cannot be written ------------------------------------------------------------------------
+
+
+OUTPUTS = [
+    "export {run} --format kml --out {place}",
+    "view {run} --out {place}",
+    "compare {run} --scenario builtin:default --out {place}.png",
+    "replay {log} --out {place}",
+    "replay {log} --record {place}",
+    "range-test --walks 1 --out {place}",
+    "conform --only no-signal --junit {place} -- cat",
+    "campaign {plan} --out {place}",
+]
+
+
+@pytest.mark.undrawn
+@pytest.mark.parametrize("words", OUTPUTS, ids=lambda words: words.split()[0])
+def test_a_place_that_cannot_be_written_is_a_wrong_command_line(arva: Arva, tmp_path: Path, words: str) -> None:
+    run, place = write(tmp_path / "flight", 5), tmp_path / "flight" / "run.json" / "none"
+    plan = written(tmp_path / "plan.yaml", PLAN)
+    err = arva(*words.format(run=run, log=DATA / "px4.tlog", plan=plan, place=place).split(), code=2).err
+    assert re.search(rf"^arva-hil: (--junit )?{place}.*: Not a directory$", err, re.MULTILINE)
+
+
+@pytest.mark.undrawn
+@pytest.mark.parametrize("words", OUTPUTS[:1] + OUTPUTS[4:6], ids=lambda words: words.split()[0])
+def test_a_disk_that_is_full_is_a_failure_while_running(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    run, place = write(tmp_path / "flight", 5), tmp_path / "none"
+
+    def full(fd: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    err = arva(*words.format(run=run, log=DATA / "px4.tlog", place=place).split(), code=1).err
+    assert re.search(rf"^arva-hil: {place}.*: No space left on device$", err, re.MULTILINE)
 
 
 # -- signals -----------------------------------------------------------------------------------------------

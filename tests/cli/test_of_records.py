@@ -75,7 +75,7 @@ def test_a_folder_that_cannot_be_made_and_two_kinds_at_once_are_refused(arva: Ar
         == f"arva-hil: --format png: --out {tmp_path}/x.svg says svg: leave one of them out\n"
     )
     assert (
-        arva("plot", run, "--out", run / "run.json" / "x", code=1).err
+        arva.refused("plot", run, "--out", run / "run.json" / "x")
         == f"arva-hil: {run}/run.json/x: cannot be made: Not a directory\n"
     )
 
@@ -243,7 +243,7 @@ def test_what_is_no_record_a_folder_for_a_file_and_a_file_of_the_record_are_refu
     )
     assert (run / "readings.csv").read_bytes() == before
     assert (
-        arva("export", run, "--out", tmp_path / "nowhere" / "x.kml", code=1).err
+        arva.refused("export", run, "--out", tmp_path / "nowhere" / "x.kml")
         == f"arva-hil: {tmp_path}/nowhere/x.kml: cannot be written: No such file or directory\n"
     )
 
