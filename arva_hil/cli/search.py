@@ -220,6 +220,7 @@ def _client(
     member, kind = one.member, FORMATS[one.member.format]
     plan = replace(
         member.mate.layered(plan) if member.mate else plan,
+        mount=member.mount or plan.mount,
         land=options.end == "land",
         timeout_s=options.timeout,
         arm_timeout_s=options.arm_timeout,

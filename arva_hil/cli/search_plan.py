@@ -13,6 +13,8 @@ from typing import Final
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Lla, Scenario, ScenarioError, VehicleConfig, load, parse
+from arva_hil.emulator.build import mount
+from arva_hil.emulator.setup import scenario_of
 from arva_hil.links import parse as parse_link
 from arva_hil.links.url import show
 from arva_hil.model.field import LocalFrame
@@ -31,6 +33,7 @@ _NARROWEST_M: Final = 4.0  # narrowest part of an area that is worth a drone
 
 def plan_of(options: argparse.Namespace, scenario: Scenario | None = None) -> SearchPlan:
     """Return the plan of the options; `scenario`: that of the receiver of `--strip-width auto`."""
+    place = options.mount or (0.0,) * 6
     return SearchPlan(
         STRATEGIES[options.strategy],
         speed=options.max_speed,
@@ -42,7 +45,7 @@ def plan_of(options: argparse.Namespace, scenario: Scenario | None = None) -> Se
         patience_s=options.patience,
         limit_s=options.limit,
         victims=None if options.victims == "all" else options.victims,
-        mount=Mount(options.mount[:3], from_euler(*map(math.radians, options.mount[3:]))),
+        mount=Mount(place[:3], from_euler(*map(math.radians, place[3:]))),
     )
 
 
@@ -125,6 +128,8 @@ class Member:
     autopilot: str
     receiver: str
     format: str
+    mount: Mount | None = None
+    """That of the scenario; None for the plan's."""
     mate: Teammate | None = None
     """The search in its team."""
     tunnel: TeamTunnel | None = None
@@ -161,7 +166,7 @@ def _one_of_team(options: argparse.Namespace) -> Member:
         raise UsageError(f"--vehicle {options.vehicle}: {scenario.source} has {', '.join(names) or 'no vehicles'}")
     number = names.index(options.vehicle)
     _, field, systems = _team(options, scenario)
-    member = _member(options, scenario.vehicles[number], scenario.source)
+    member = _member(options, scenario.vehicles[number], scenario)
     tunnel = TeamTunnel(systems, COMPONENT)
     return replace(member, name="", mate=Teammate(number, tunnel.send, field), tunnel=tunnel, team=len(systems))
 
@@ -174,7 +179,7 @@ def _all_members(options: argparse.Namespace) -> list[Member]:
             raise UsageError(f"--{flag}: of one search: with --scenario, name its --vehicle, or leave it out")
     scenario = load(options.scenario)
     vehicles, field, _ = _team(options, scenario)
-    members = _fitted(scenario.source, [_member(options, vehicle, scenario.source) for vehicle in vehicles])
+    members = _fitted(scenario.source, [_member(options, vehicle, scenario) for vehicle in vehicles])
     if options.record:  # before any of them begins: the folder can be used again then
         refuse_team(Path(options.record), [member.name for member in members])
     bus = Bus(field)
@@ -205,7 +210,8 @@ def _team(
     return vehicles, TeamField(options.area, LocalFrame(datum.lat, datum.lon, datum.alt), len(vehicles)), systems
 
 
-def _member(options: argparse.Namespace, vehicle: VehicleConfig, source: str) -> Member:
+def _member(options: argparse.Namespace, vehicle: VehicleConfig, scenario: Scenario) -> Member:
+    source = scenario.source
     if not (autopilot := options.autopilot or vehicle.autopilot):
         raise UsageError(f"{source}: {vehicle.name}: its autopilot is missing: name its link, or --autopilot")
     (receiver,) = vehicle.receivers
@@ -215,6 +221,7 @@ def _member(options: argparse.Namespace, vehicle: VehicleConfig, source: str) ->
         autopilot,
         options.receiver or far_end(receiver.port or "", f"{source}: {vehicle.name}"),
         receiver.output_format,
+        None if options.mount else mount(scenario_of(scenario, receiver)),
     )
 
 

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ from typing import Any
 import pytest
 
 from arva_hil.cli import search
+from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.search_plan import far_end
 from arva_hil.cli.search_report import exit_code, found_by, result
 from arva_hil.cli.terminal import TerminalQuestion
@@ -29,6 +31,7 @@ from arva_hil.links.tcp import TcpServerLink
 from arva_hil.mavlink.codec import Encoder, Parser, decode, dialect
 from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.outcome import Outcome
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.autopilot import Mode
 from firmware_proto import encode_nmea
 from tests.files import rows as table
@@ -478,6 +481,23 @@ def field(tmp_path: Path) -> Path:
 def test_what_is_no_team_is_refused(arva: Arva, field: Path, old: str, new: str, words: str, what: str) -> None:
     field.write_text(field.read_text().replace(old, new))
     assert what in arva.refused("search", "--scenario", field, "--autopilot", "/dev/none", *words.split())
+
+
+@pytest.mark.parametrize(("words", "places"), [((), ([0.3, 0, 0.1], [0, 0, 0])), (["--mount=1,2,3"], ([1, 2, 3],) * 2)])
+def test_each_drone_knows_where_the_scenario_has_mounted_its_receiver(
+    arva: Arva, field: Path, monkeypatch: pytest.MonkeyPatch, words: Sequence[str], places: Sequence[Sequence[float]]
+) -> None:
+    plans: list[SearchPlan] = []
+
+    def client(plan: SearchPlan, *_: object, **__: object) -> None:
+        plans.append(plan)
+        if len(plans) == len(places):
+            raise UsageError("enough")
+
+    monkeypatch.setattr(search, "SearchClient", client)
+    field.write_text(field.read_text().replace("none-a'", "none-a', mount: {position: [0.3, 0, 0.1]}"))
+    arva("search", "--scenario", field, "--autopilot", "pty", *words, code=2)
+    assert [plan.mount.pose((0, 0, 0), (1, 0, 0, 0))[0].tolist() for plan in plans] == list(places)
 
 
 def test_two_links_that_listen_at_one_port_are_refused(arva: Arva, field: Path) -> None:

@@ -80,9 +80,8 @@ PLAN: Final = (
     option(
         "--mount X,Y,Z[,R,P,Y]",
         "place of the receiver on the vehicle: m forward, right and down of its centre; then roll, pitch and yaw in "
-        "degrees; default 0,0,0,0,0,0",
+        "degrees; default: for `search --scenario` that of each receiver in the scenario, else 0,0,0,0,0,0",
         mount,
-        (0.0,) * 6,
     ),
     option(
         "--area S,W,N,E",
@@ -110,8 +109,8 @@ PLAN: Final = (
 TEAM: Final = (
     option(
         "--scenario FILE",
-        "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used; has no "
-        "ARVA_HIL_ variable",
+        "scenario of spec 2: its vehicles divide the area around its datum; of its receivers the ports, formats and "
+        "mounts are used, its transmitters are not; has no ARVA_HIL_ variable",
         environment=False,
     ),
     option(
