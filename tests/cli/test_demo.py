@@ -59,6 +59,7 @@ def test_it_finds_the_transmitter_and_lands(tmp_path_factory: pytest.TempPathFac
     assert (run["ended"], search["outcome"], search["exit_code"]) == ("finished", "found", 0)
     rows = table(record / "search.csv")
     assert rows[-1]["phase"] == "landing"
+    assert 40 < float(rows[-1]["time_s"]) < 55, "README says within 60 s, and the program starts and ends in a few"
     assert abs(float(rows[-1]["down_m"])) < 0.2
     assert (record / "search.png").stat().st_size > 10_000
 

@@ -48,7 +48,7 @@ NOT_RUN = {  # what a line begins with → why it is not run here
     r"arva-hil (vehicle --link pty:|--autopilot /tmp/vehicle-1)": "ends with that flight",
     r"arva-hil range-test$": "walks for seconds: tests/cli/test_of_records.py walks a little",
     r"arva-hil demo --scenario builtin:four_transmitters --victims 2": "tests/cli/test_demo.py finds two that are near",
-    r"arva-hil demo( --foxglove)?$": "flies for half a minute; tests/cli/test_demo.py and test_foxglove.py fly faster",
+    r"arva-hil demo( --foxglove)?$": "flies for 50 s; tests/cli/test_demo.py and test_foxglove.py fly faster",
     r"arva-hil (vehicle --count 8|(run|search) --scenario builtin:eight)": "tests/cli/test_search.py flies two",
     r"arva-hil demo (--count 4|--scenario builtin:eight_drones)$": "tests/cli/test_demo.py flies it, faster",
     r"mkdir .*arva_msgs|cd ~/ros2_ws|ros2 |rviz2 |arva-hil demo --ros2|ARVA_ROS2_PYTHON": "needs ROS 2: "
