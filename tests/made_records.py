@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from arva_hil.config import DEFAULT, Scenario, to_dict
+from arva_hil.config import DEFAULT, Scenario, parse, to_dict
 from arva_hil.emulator.build import receiver, transmitters
 from arva_hil.emulator.receivers import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, PoseLost, ReceiverStatus, StatusReport, VehicleStatus
@@ -117,6 +118,31 @@ def write(
     return folder
 
 
+TAKE_OFF: Final = [float(value) for value in LocalFrame(*HOME).lla([2.0, 0.0, 0.0])]
+TEAM: Final = (("drone-1", "receiver"), ("drone-2", "receiver"))
+
+
+def write_team(folder: Path, count: int = 30, *, code: int = 0) -> Path:
+    """The record of a demo of two drones: the first has found transmitter 1, and the second searches until the end."""
+    vehicles = [f"{{name: {name}, system: {n}, receivers: [{{name: {one}}}]}}" for n, (name, one) in enumerate(TEAM, 1)]
+    places = "transmitters: [{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [30, 5, 0]}]"
+    scenario = parse(f"spec: 2\n{places}\nvehicles: [{', '.join(vehicles)}]\noutput: {{format: tunnel}}\n", "x")
+    write(folder, count, scenario, search=False, receivers=TEAM)
+    run = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps(run | {"ended": "SIGINT" if code else "finished", "exit_code": code}))
+    place = {"transmitter": 1, "north_m": 18.5, "east_m": 5.25, "sure": True, "earth_covariance": [4.0, 0.0, 4.0]}
+    events: list[dict[str, Any]] = [
+        {"event": "take_off_point", "time_s": 4.0, **dict(zip(("lat", "lon", "alt"), TAKE_OFF, strict=True))},
+        {"event": "search_begun", "time_s": 5.0, "height_m": 3.0, "wanted": 1},
+        {"event": "place_found", "time_s": 9.0, **place},
+        {"event": "search_ended", "time_s": 9.5, "how": "found", "landing": True},
+    ]
+    news = [{**event, "by": "search", "of": of} for of, _ in TEAM for event in events[: 4 if of == "drone-1" else 2]]
+    with open(folder / "events.jsonl", "a") as file:
+        file.writelines(json.dumps(event) + "\n" for event in news)
+    return folder
+
+
 def write_search(folder: Path, count: int = 30, *, ended: bool = True, **outcome: Any) -> Path:
     """The log of a search that took off 2 m north of the datum, one second after the frames began."""
     log = SearchLog(folder, start_s=0.0)
@@ -124,15 +150,13 @@ def write_search(folder: Path, count: int = 30, *, ended: bool = True, **outcome
         heard = (1, 1900 - 20 * n, 12, 1) if n % 5 == 0 else (None, None, None, None)
         phase = "climbing" if n < 5 else "flying" if n < count - 5 else "landing"
         log.row(SearchStep(0.2 * n, phase, 0.2 * n, 0.1 * n, -3.0, 30.0, 0.9, 0.3, 0.0, *heard))
-    frame = LocalFrame(*HOME)
-    origin = [float(value) for value in frame.lla([2.0, 0.0, 0.0])]
-    place = [float(value) for value in frame.lla([20.5, 5.25, 0.0])]
+    place = [float(value) for value in LocalFrame(*HOME).lla([20.5, 5.25, 0.0])]
     spread = [0.16, 0.03, 0.04]
     found = {"north": 18.5, "east": 5.25, "down": 0.0, "lat_lon": place[:2], "autopilot_sigma_m": 0.1}
     found |= {"covariance": spread, "earth_covariance": spread}
     said = {"started": "2027-01-01T00:00:03.000Z", "outcome": "found", "how": "found", "id": 1, "found": found}
-    said |= {"origin": origin, "time_s": 21.5, "path_m": 22.0, "frames": 30, "others": []}
-    log.observe(TakeOffPoint(0.0, *origin))
+    said |= {"origin": TAKE_OFF, "time_s": 21.5, "path_m": 22.0, "frames": 30, "others": []}
+    log.observe(TakeOffPoint(0.0, *TAKE_OFF))
     if outcome.get("found", found):
         log.observe(
             PlaceFound(0.2 * (count - 6), 1, 18.5, 5.25, (0.16, 0.03, 0.04), True, None, (0.16, 0.03, 0.04), 0.1)

@@ -65,7 +65,7 @@ from arva_hil.records.reading import load
 from firmware_proto import Channel, Frame
 from tests.every import every
 from tests.made_frames import frame_made
-from tests.made_records import write_search
+from tests.made_records import write_search, write_team
 from tests.once import once
 
 HOME = (46.0, 7.0, 1650.0)
@@ -509,6 +509,14 @@ def test_a_log_that_cannot_be_read_leaves_out_the_health_alone(record: Path) -> 
     (record / "autopilot.tlog").mkdir()
     document = shown_at(RecordedState(load(record)), 12.0)
     assert (document["vehicles"][0]["checks"], len(document["receivers"][0]["points"])) == ([], 13)
+
+
+@pytest.mark.parametrize("code", [0, 130])
+def test_each_search_of_a_team_has_an_end_once_the_run_has_one(tmp_path: Path, code: int) -> None:
+    """An interrupted search has no event of its end; without one the page has no outcome."""
+    document = shown_at(RecordedState(load(write_team(tmp_path / "team", code=code))), math.inf)
+    ends = {search["vehicle"]: search["ended"] for search in document["team"]}
+    assert ends == {"drone-1": "found", "drone-2": "interrupted" if code else "it did not end"}
 
 
 def test_before_and_after_the_record_are_its_ends(flown: Path) -> None:

@@ -34,7 +34,7 @@ from arva_hil.records.reading import Recording, load
 from arva_hil.registry import EXPORTS
 from tests.files import rows as table
 from tests.files import written
-from tests.made_records import HOME, SILENT, frames, write, write_search
+from tests.made_records import HOME, SILENT, frames, write, write_search, write_team
 from tests.records.ros_messages.oracle import plain
 
 COUNT = 20
@@ -139,6 +139,22 @@ def test_a_search_that_was_killed_has_its_places_from_its_events(tmp_path: Path)
         assert place[:2] == pytest.approx([lon, lat], abs=1e-8)
     assert "track" in [one["properties"]["kind"] for one in features]
     assert "2 of 2 in the order of probing; the search has not ended; on Earth" in str(features)
+
+
+@pytest.mark.parametrize(("code", "how"), [(0, "it did not end"), (130, "interrupted")])
+def test_the_places_of_a_team_are_those_of_its_events(tmp_path: Path, code: int, how: str) -> None:
+    recording = load(write_team(tmp_path / "team", COUNT, code=code))
+    assert {name: (len(one.places), one.how) for name, one in recording.searches.items()} == {
+        "drone-1": (1, "found"),
+        "drone-2": (0, how),
+    }
+    place = placemarks(exported("kml", recording))["place found: transmitter 1"]
+    assert place.description.startswith("by drone-1; found; on Earth 95% inside an ellipse of ")
+    lat, lon, _ = LocalFrame(*HOME).lla([20.5, 5.25, 0.0])
+    (found, *_) = (
+        point for point in gpxpy.parse(exported("gpx", recording).decode()).waypoints if "found" in point.name
+    )
+    assert (found.latitude, found.longitude) == pytest.approx((lat, lon), abs=1e-8)
 
 
 def test_a_place_that_was_doubted_is_not_one_of_a_search_that_was_killed(tmp_path: Path) -> None:

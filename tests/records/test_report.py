@@ -19,7 +19,7 @@ from arva_hil.records.reading import Recording, load
 from arva_hil.records.report import page as module
 from arva_hil.records.report.facts import errors_m, facts, found_of, merged
 from arva_hil.records.report.page import page
-from tests.made_records import SILENT, frames, write, write_search
+from tests.made_records import SILENT, frames, write, write_search, write_team
 from tests.said import says
 
 COUNT = 20
@@ -107,6 +107,22 @@ def test_victims_have_the_number_of_their_finding(tmp_path: Path) -> None:
     search = facts(load(folder))["What the search found"]
     assert search["place of victim 1"].startswith("transmitter 1: ")
     assert search["place of victim 2"].startswith("transmitter 2: ")
+
+
+def test_a_team_has_the_places_of_all_its_drones(tmp_path: Path) -> None:
+    recording = load(write_team(tmp_path / "team", COUNT, code=130))
+    assert facts(recording)["What the search found"] == {
+        "drone-1: ended": "found",
+        "drone-2: ended": "interrupted",
+        "found": "1 of 2 found",
+        "drone-1: place": "transmitter 1: 18.5 m north, 5.2 m east of the take-off point",
+        "drone-1: latitude, longitude": "46.0124844, 7.7456678",
+        "drone-1: on Earth, 95 % inside": "4.90 m × 4.90 m, long axis 90°, or more: the autopilot does not report "
+        "its accuracy",
+        "drone-1: error": "0.56 m from the transmitter, horizontally",
+        "transmitter 2": "not found",
+    }
+    assert "1 of 2 found, 0.56 m from the transmitter, the search ended: interrupted, " in words(page([recording]))
 
 
 def test_all_victims_are_there_and_those_who_are_missed(tmp_path: Path) -> None:

@@ -138,20 +138,21 @@ class RecordedState(State):
 
     def _recorded_events(self) -> Iterator[Event]:
         """Yield the recorded events. Those that cannot be restored are notices with their recorded text."""
-        recording, kinds = self._recording, set()
+        recording, ended = self._recording, set[str]()
         for said in recording.events:
             event = _event(said)
             if event is None:
                 event = Event(number(said.get("time_s")) or 0.0)
             if notice := notice_of(said):
                 self._notices[id(event)] = notice
-            kinds.add(type(event.event) if isinstance(event, FromSearch) else type(event))
+            inner, vehicle = (event.event, event.vehicle) if isinstance(event, FromSearch) else (event, "")
+            if isinstance(inner, SearchEnded):
+                ended.add(vehicle)
             yield event
-        search = recording.search
-        if search is None:
-            return
-        if SearchEnded not in kinds and search.how:  # the vehicle was taken over, or lost
-            yield SearchEnded(self.span_s[1], [because(Why.ERROR, text=search.how)], False)
+        for vehicle, search in recording.searches.items():
+            if vehicle not in ended and search.how:  # the vehicle was taken over, or lost, or the team was interrupted
+                end = SearchEnded(self.span_s[1], [because(Why.ERROR, text=search.how)], False)
+                yield FromSearch(end.time_s, end, vehicle)
 
     def _place(self, time_s: float) -> None:
         """Put every vehicle's datum of that time on the map."""

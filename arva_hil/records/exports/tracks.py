@@ -120,14 +120,12 @@ def _track(name: str, receiver: RecordedReceiver | None, time_s: Array, lla: Arr
 
 
 def _found(recording: Recording) -> Iterator[Landmark]:
-    search = recording.search
-    if search is None:
-        return
-    for number, found in enumerate(search.victims, 1):
-        order = f"{number} of {len(search.victims)} in the order of probing; {'' if found.sure else 'not sure; '}"
-        yield from _place_found(search, found, order)
-    if search.found and not search.victims:
-        yield from _place_found(search, search.found, "")
+    for vehicle, search in recording.searches.items():
+        for number, found in enumerate(search.victims, 1):
+            order = f"by {vehicle}" if vehicle else f"{number} of {len(search.victims)} in the order of probing"
+            yield from _place_found(search, found, f"{order}; {'' if found.sure else 'not sure; '}")
+        if search.found and not search.victims:
+            yield from _place_found(search, search.found, "")
 
 
 def _place_found(search: RecordedSearch, found: RecordedPlace, order: str) -> Iterator[Landmark]:

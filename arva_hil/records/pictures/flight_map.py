@@ -58,7 +58,7 @@ def _draw_track(axes: Axes, receiver: RecordedReceiver) -> list[Any]:
 
 def _draw_search(axes: Axes, recording: Recording, vehicle: str) -> list[Any]:
     """Draw the path that the search estimates, and the place that it reports with its ellipse."""
-    search = recording.search
+    search = recording.search_of(vehicle)
     if search is None:
         return []
     steps = search.position[some(np.isfinite(search.position).all(axis=1))]

@@ -30,7 +30,7 @@ from arva_hil.records.reading.lines import (
     text,
 )
 from arva_hil.records.reading.recording import RecordedDatum, RecordedReceiver, RecordedRun, Recording
-from arva_hil.records.reading.search import read_search
+from arva_hil.records.reading.search import read_search, read_team
 from arva_hil.records.writing.layout import COLUMNS, EVENTS, READINGS, RUN, VERSION, RecordLayout
 from arva_hil.records.writing.search_log import NEWS, TRACK
 
@@ -144,7 +144,9 @@ def load(folder: Path) -> Recording:
         news, more = _events(folder / NEWS)
         search, notes = read_search(folder, None, news)
         started = search.started_utc_s if search else None
-        return Recording(folder, None, (), search, tuple(news), (), started, started, {}, tuple(notes + more))
+        return Recording(
+            folder, None, (), {"": search} if search else {}, tuple(news), (), started, started, {}, tuple(notes + more)
+        )
     run, notes = _run(folder / RUN)
     # their folders, if the scenario cannot be read; a receiver's name has no control characters
     inside = ((path.parts[-3], path.parts[-2]) for path in folder.glob(f"*/*/{READINGS}"))
@@ -168,7 +170,7 @@ def load(folder: Path) -> Recording:
         folder,
         run,
         tuple(receivers),
-        search,
+        {"": search} if search else read_team(events, number(run.json.get("exit_code"))),
         tuple(event for event in events if event.get("event") != "status"),
         tuple(_report(event) for event in events if event.get("event") == "status"),
         start_utc_s if start_utc_s and start_utc_s > _YEAR_2001_S else seconds_of(run.started),

@@ -185,6 +185,7 @@ class RecordedRun:
 class Recording:
     """A record. `run` is None for the log of a search alone, which has no receivers.
 
+    - `searches`: the log of a search, by the name ""; of a team without logs, the searches by vehicle.
     - `events`, `status`: the objects of events.jsonl without the status, and the status. Their `time_s` is on the clock
       of the frames, which is 0 at the start of the run.
     - `start_utc_s`: that start in seconds since 1970; None if unknown. `log_start_s`: the same by the logs' clock.
@@ -195,7 +196,7 @@ class Recording:
     folder: Path
     run: RecordedRun | None
     receivers: tuple[RecordedReceiver, ...]
-    search: RecordedSearch | None
+    searches: Mapping[str, RecordedSearch]
     events: tuple[Event, ...]
     status: tuple[StatusReport, ...]
     start_utc_s: float | None
@@ -207,6 +208,15 @@ class Recording:
     def scenario(self) -> Scenario | None:
         """The scenario of the run, if this program can read it."""
         return self.run.scenario if self.run else None
+
+    @property
+    def search(self) -> RecordedSearch | None:
+        """The search with a log; None if there is none."""
+        return self.searches.get("")
+
+    def search_of(self, vehicle: str) -> RecordedSearch | None:
+        """Return the search of a vehicle; None if there is none."""
+        return self.searches.get(vehicle, self.search)
 
     @cached_property
     def _placed(self) -> dict[RecordedDatum, MovingTransmitters]:
@@ -267,7 +277,7 @@ class Recording:
 
         None if one of the two is not known.
         """
-        search = self.search
+        search = self.search_of(vehicle)
         if search is None or search.origin is None:
             return None
         end_s = search.start_s + float(search.time_s[-1] if len(search.time_s) else 0.0)

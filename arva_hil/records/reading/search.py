@@ -13,6 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.events.reasons import Why, because
+from arva_hil.events.words.reasons import in_words
 from arva_hil.model.field import LocalFrame
 from arva_hil.model.field.arrays import Array
 from arva_hil.records.reading.lines import (
@@ -35,6 +37,7 @@ _NUMBERS: Final = "time_s north_m east_m down_m heading_deg id d_cm delta_deg zo
 _MOST_PHASES: Final = 64
 _POINTS: Final = 48  # of an ellipse
 PROBABILITY: Final = 0.95  # of the transmitter inside the ellipse
+_INTERRUPTED: Final = 130  # an exit code
 _SIGMAS: Final = math.sqrt(-2 * math.log(1 - PROBABILITY))  # to its edge
 
 
@@ -177,6 +180,27 @@ def read_search(
         started_s,
         0.0 if started_s is None or start_utc_s is None else started_s - start_utc_s,
     ), lines.note
+
+
+def read_team(events: Sequence[Mapping[str, Any]], exit_code: float | None) -> dict[str, RecordedSearch]:
+    """Return the searches of a team by vehicle, as far as the events of their run have them, without steps.
+
+    `exit_code`: of the run; None if it was killed.
+    """
+    why = Why.INTERRUPTED if exit_code == _INTERRUPTED else Why.NO_END
+    at_end = "" if exit_code is None else in_words(because(why))
+    of: dict[str, list[Mapping[str, Any]]] = {}
+    for event in events:
+        if vehicle := text(event.get("of")):
+            of.setdefault(vehicle, []).append(event)
+    nothing, team = np.empty(0), dict[str, RecordedSearch]()
+    for vehicle, own in of.items():
+        how = next((text(event.get("how")) for event in own if event.get("event") == "search_ended"), at_end)
+        outcome = {**_so_far(own), "how": how}
+        origin = lat_lon_alt(outcome.get("origin"))
+        track = nothing, (), np.empty((0, 3)), nothing, nothing, nothing, nothing, nothing
+        team[vehicle] = RecordedSearch(*track, outcome, None, origin, None, 0.0)
+    return team
 
 
 def _so_far(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

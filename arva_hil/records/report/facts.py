@@ -28,7 +28,7 @@ _NOT_ENDED: Final = "not: it goes on, or was killed"
 def facts(recording: Recording) -> Facts:
     """Return all known facts of a run. Raises RecordingError for a log of packets that cannot be read."""
     found: dict[str, dict[str, str]] = {}
-    if recording.search:
+    if recording.searches:
         found["What the search found"] = dict(_search(recording))
     found["What was run"] = dict(_run(recording))
     for receiver in recording.receivers:
@@ -95,18 +95,17 @@ def _scenario(scenario: Scenario, *, real: bool) -> Iterator[tuple[str, str]]:
 
 
 def _search(recording: Recording) -> Iterator[tuple[str, str]]:
-    search = recording.search
-    assert search is not None
-    said = search.outcome
-    yield "ended", one_line(search.how) or _NOT_ENDED
-    if search.places:
+    for vehicle, search in recording.searches.items():
+        yield f"{_by(vehicle)}ended", one_line(search.how) or _NOT_ENDED
+    places, errors = _places(recording), errors_m(recording)
+    if places:
         yield "found", found_of(recording)
-    errors = errors_m(recording)
-    for index, found in enumerate(search.places[:_MOST]):
-        of = f" of victim {index + 1}" if len(search.places) > 1 else ""
-        yield from ((label + of, value) for label, value in _place(found, errors.get(index)))
+    for index, (vehicle, found) in enumerate(places[:_MOST]):
+        of = f" of victim {index + 1}" if len(places) > 1 else ""
+        yield from ((_by(vehicle) + label + of, value) for label, value in _place(found, errors.get(index)))
     for id_ in missed(recording)[:_MOST]:
         yield f"transmitter {id_}", "not found"
+    said = recording.search.outcome if recording.search else {}
     for label, name, form in (
         ("time", "time_s", "{:.0f} s"),
         ("path", "path_m", "{:.0f} m"),
@@ -117,6 +116,16 @@ def _search(recording: Recording) -> Iterator[tuple[str, str]]:
     for other in objects(said.get("others"))[:_MOST_IDS]:
         if (nearest := number(other.get("nearest_m"))) is not None:
             yield f"received, not found: {one_line(other.get('id'))}", f"{nearest:.1f} m away at the nearest"
+
+
+def _by(vehicle: str) -> str:
+    """Return the begin of a label: the drone of a team."""
+    return one_line(f"{vehicle}: ") if vehicle else ""
+
+
+def _places(recording: Recording) -> list[tuple[str, RecordedPlace]]:
+    """Return all places found, with the name of their search."""
+    return [(name, place) for name, search in recording.searches.items() for place in search.places]
 
 
 def _place(found: RecordedPlace, error: float | None) -> Iterator[tuple[str, str]]:
@@ -226,16 +235,17 @@ def _union(every: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def errors_m(recording: Recording) -> dict[int, float]:
-    """Return the horizontal error [m] of each place found whose transmitter is known, by its index in `places`.
+    """Return the horizontal error [m] of each place found whose transmitter is known, by its index among them.
 
     Without an id in the frames: from the nearest transmitter.
     """
-    search, there = recording.search, _truth(recording)
-    if search is None or not there:
+    there = _truth(recording)
+    if not there:
         return {}
     found = {}
-    for index, place in enumerate(search.places):
-        at = recording.of_search([place.north, place.east, place.down or 0.0], recording.receivers[0].vehicle)
+    for index, (name, place) in enumerate(_places(recording)):
+        vehicle = name or recording.receivers[0].vehicle
+        at = recording.of_search([place.north, place.east, place.down or 0.0], vehicle)
         if at is not None:
             away = {id_: math.dist(at[:2].tolist(), position[:2]) for id_, position in there.items()}
             found[index] = away[place.id] if place.id in away else min(away.values())
@@ -244,27 +254,27 @@ def errors_m(recording: Recording) -> dict[int, float]:
 
 def missed(recording: Recording) -> list[int]:
     """Return the ids of the transmitters that were wanted and not found; empty if the places have no ids."""
-    search = recording.search
-    if search is None or any(place.id is None for place in search.places):
-        return []
-    wanted = search.outcome.get("wanted", 1)
-    found = {place.id for place in search.places}
-    if isinstance(wanted, int) and len(found) >= wanted:
+    found, wanted = {place.id for _, place in _places(recording)}, _wanted(recording)
+    if None in found or (wanted is not None and len(found) >= wanted):
         return []
     return [id_ for id_ in _truth(recording) if id_ not in found]
 
 
 def found_of(recording: Recording) -> str:
     """Return the number of victims found, of those wanted: "2 of 3 found, 1 not sure"; "" without a search."""
-    search = recording.search
-    if search is None:
+    if not recording.searches:
         return ""
-    count = sum(place.sure for place in search.places)
-    unsure = len(search.places) - count
-    wanted = search.outcome.get("wanted", 1)
-    of = wanted if isinstance(wanted, int) else len(_truth(recording)) or None
+    sure = [place.sure for _, place in _places(recording)]
+    count, unsure = sure.count(True), sure.count(False)
+    of = _wanted(recording) or len(_truth(recording)) or None
     doubt = f", {unsure} not sure" if unsure else ""
     return f"{count}{'' if of is None else f' of {of}'} found{doubt}"
+
+
+def _wanted(recording: Recording) -> int | None:
+    """Return the number of victims to find; None for all, which a team searches for."""
+    wanted = recording.search.outcome.get("wanted", 1) if recording.search else None
+    return wanted if isinstance(wanted, int) else None
 
 
 def _truth(recording: Recording) -> dict[int, list[float]]:

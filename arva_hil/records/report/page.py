@@ -56,13 +56,13 @@ def _told(name: str, recording: Recording) -> dict[str, Any]:
 def _verdict(recording: Recording) -> str:
     """Return the run in one sentence."""
     words = []
-    search = recording.search
-    if search is not None:
+    if recording.searches:
         errors = [in_metres(error) for error in errors_m(recording).values()]
         off = f", {', '.join(errors)} from the transmitter{'s' * (len(errors) > 1)}" if errors else ""
         words.append(found_of(recording) + off)
-        if search.how != "found":
-            words.append(f"the search ended: {one_line(search.how)}" if search.how else "the search has not ended")
+        for how in dict.fromkeys(search.how for search in recording.searches.values()):
+            if how != "found":
+                words.append(f"the search ended: {one_line(how)}" if how else "the search has not ended")
     if recording.run is not None:
         words.append(
             f"the run ended: {one_line(recording.run.ended)}" if recording.run.ended else "the run has not ended"
