@@ -118,16 +118,22 @@ def write(
     return folder
 
 
+def write_several(folder: Path, count: int, receivers: Sequence[tuple[str, str]]) -> Path:
+    """The record of vehicles with a receiver each, and of two transmitters."""
+    every = enumerate(receivers, 1)
+    vehicles = [f"{{name: {name}, system: {n}, receivers: [{{name: {one}}}]}}" for n, (name, one) in every]
+    places = "transmitters: [{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [30, 5, 0]}]"
+    scenario = parse(f"spec: 2\n{places}\nvehicles: [{', '.join(vehicles)}]\noutput: {{format: tunnel}}\n", "x")
+    return write(folder, count, scenario, search=False, receivers=receivers)
+
+
 TAKE_OFF: Final = [float(value) for value in LocalFrame(*HOME).lla([2.0, 0.0, 0.0])]
 TEAM: Final = (("drone-1", "receiver"), ("drone-2", "receiver"))
 
 
 def write_team(folder: Path, count: int = 30, *, code: int = 0) -> Path:
     """The record of a demo of two drones: the first has found transmitter 1, and the second searches until the end."""
-    vehicles = [f"{{name: {name}, system: {n}, receivers: [{{name: {one}}}]}}" for n, (name, one) in enumerate(TEAM, 1)]
-    places = "transmitters: [{id: 1, ned: [20, 5, 0]}, {id: 2, ned: [30, 5, 0]}]"
-    scenario = parse(f"spec: 2\n{places}\nvehicles: [{', '.join(vehicles)}]\noutput: {{format: tunnel}}\n", "x")
-    write(folder, count, scenario, search=False, receivers=TEAM)
+    write_several(folder, count, TEAM)
     run = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps(run | {"ended": "SIGINT" if code else "finished", "exit_code": code}))
     place = {"transmitter": 1, "north_m": 18.5, "east_m": 5.25, "sure": True, "earth_covariance": [4.0, 0.0, 4.0]}

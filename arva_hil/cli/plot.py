@@ -66,5 +66,5 @@ def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str
 
 
 def _named(path: Path, receiver: str) -> Path:
-    """Return the file of a receiver's picture: with one receiver the path itself."""
-    return path.with_name(f"{receiver.replace('/', '-')}-{path.name}") if receiver else path
+    """Return the file of a receiver's picture: with one receiver the path itself. No name has a +."""
+    return path.with_name(f"{receiver.replace('/', '+')}-{path.name}") if receiver else path

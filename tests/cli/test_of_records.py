@@ -20,7 +20,7 @@ from arva_hil.records.report import page
 from arva_hil.registry import EXPORTS
 from tests.campaign.fakes import PLAN, fake, planned
 from tests.files import rows as table
-from tests.made_records import write
+from tests.made_records import write, write_several
 
 from .far_ends import Arva
 
@@ -43,6 +43,15 @@ def test_without_out_each_picture_is_a_file_in_the_record(arva: Arva, tmp_path: 
         "streams.svg",
         "timeline.svg",
     ]
+
+
+@pytest.mark.undrawn
+def test_the_pictures_of_two_receivers_never_have_one_name(arva: Arva, tmp_path: Path) -> None:
+    run = write_several(tmp_path / "flight", 0, [("a-b", "c"), ("a", "b-c")])
+    arva("plot", run)
+    assert len(list((run / "plots").iterdir())) == 10
+    arva("plot", run, "--out", tmp_path / "sheet.png")
+    assert sorted(path.name for path in tmp_path.glob("*.png")) == ["a+b-c-sheet.png", "a-b+c-sheet.png"]
 
 
 def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(
