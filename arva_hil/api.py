@@ -192,8 +192,8 @@ def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_s
     if inside is (port is not None):
         what = "no port" if inside else "a port"
         raise ValueError(f"port: {port!r}, expected {what} for frames of the format {scenario.output_format}")
-    if autopilot is None:
-        raise ValueError("autopilot: None, expected the connection string of the autopilot's link")
+    if autopilot is None or url.parse(autopilot).kind == "stdout":
+        raise ValueError(f"autopilot: {autopilot!r}, expected the connection string of the autopilot's link")
     return FleetSides({"autopilot": autopilot}, {}, {} if port is None else {"port": port})
 
 

@@ -160,6 +160,10 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: arva_hil.run_live(_scenario(), port="pty"), "autopilot: None, expected the connection string"),
     (
+        lambda: arva_hil.run_live(_scenario(), autopilot="-", port="pty", timeout_s=0.01),
+        "autopilot: '-', expected the connection string of the autopilot's link",
+    ),
+    (
         lambda: arva_hil.run_live(_fleet(), autopilot="pty", port="pty"),
         "port: 'pty', expected None: fleet has vehicles",
     ),
