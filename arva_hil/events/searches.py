@@ -300,6 +300,7 @@ class PlaceFound(TransmitterEvent):
     - `relative_covariance`: of the place relative to the vehicle.
     - `earth_covariance`: of the position on Earth, with the error of the vehicle's own position.
     - `autopilot_sigma_m`: of the vehicle's own position on each axis, at least; None if the autopilot reports none.
+    - `down_m`: below the take-off point; None if the strategy does not know it.
     """
 
     north_m: float
@@ -309,6 +310,7 @@ class PlaceFound(TransmitterEvent):
     relative_covariance: tuple[float, float, float] | None = None
     earth_covariance: tuple[float, float, float] | None = None
     autopilot_sigma_m: float | None = None
+    down_m: float | None = None
 
 
 class ReceiverTurned(TransmitterEvent):

@@ -123,14 +123,14 @@ def test_a_search_that_was_killed_has_its_places_from_its_events(tmp_path: Path)
     events: list[dict[str, Any]] = [
         {"event": "take_off_point", "time_s": 0.0, **dict(zip(("lat", "lon", "alt"), HOME, strict=True))},
         {"event": "search_begun", "time_s": 1.0, "wanted": None},
-        {"time_s": 2.0, "transmitter": 7, "north_m": 10.0, "east_m": -3.0, **found},
+        {"time_s": 2.0, "transmitter": 7, "north_m": 10.0, "east_m": -3.0, "down_m": 0.5, **found},
         {"time_s": 4.5, "transmitter": 3, "north_m": -5.0, "east_m": 2.0, **found},
         {"time_s": 4.6, "transmitter": [], "north_m": "x", "east_m": None, **found},
     ]
     written(folder / "search.jsonl", "".join(json.dumps(event) + "\n" for event in events))
     recording = load(folder)
     assert recording.search is not None
-    assert [(one.id, one.time_s) for one in recording.search.places] == [(7, 1.0), (3, 3.5)]
+    assert [(one.id, one.time_s, one.down) for one in recording.search.places] == [(7, 1.0, 0.5), (3, 3.5, None)]
     features = json.loads(exported("geojson", recording))["features"]
     places = [one["geometry"]["coordinates"] for one in features if one["properties"]["kind"] == "found"]
     frame = LocalFrame(*HOME)

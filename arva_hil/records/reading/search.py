@@ -215,7 +215,8 @@ def _so_far(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         north, east = place = number(event.get("north_m")), number(event.get("east_m"))
         if kind == "place_found":
             id_, took_s = event.get("transmitter"), event["time_s"] - begun_s
-            victims[place] = found = {**event, "id": id_, "north": north, "east": east, "time_s": took_s}
+            ned = {"north": north, "east": east, "down": event.get("down_m")}
+            victims[place] = found = {**event, "id": id_, **ned, "time_s": took_s}
             if (origin := lat_lon_alt(outcome.get("origin"))) and north is not None and east is not None:
                 found["lat_lon"] = [float(degrees) for degrees in LocalFrame(*origin).lla([north, east, 0.0])[:2]]
         elif kind == "victim_noted" and place in victims:

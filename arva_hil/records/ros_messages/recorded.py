@@ -119,4 +119,5 @@ def _places(search: RecordedSearch) -> Iterator[Event]:
             found.relative_covariance,
             found.earth_covariance,
             found.autopilot_sigma_m,
+            found.down,
         )

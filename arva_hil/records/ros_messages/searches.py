@@ -112,7 +112,8 @@ class SearchMessages:
         if found is None or now - self._told_s < _AGAIN_S:
             return []
         self._told_s = now
-        ground, place = ros.header(stamp, TAKE_OFF), (found.north_m, found.east_m, 0.0)
+        down_m = found.down_m if found.down_m is not None and math.isfinite(found.down_m) else 0.0
+        ground, place = ros.header(stamp, TAKE_OFF), (found.north_m, found.east_m, down_m)
         shapes = [geometry.sphere(ground, "found", 0, geometry.point(place), _FOUND_M)]
         if found.covariance is not None:
             shapes.append(geometry.ellipse(ground, "95 %", geometry.point(place), found.covariance))

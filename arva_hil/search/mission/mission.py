@@ -87,7 +87,7 @@ class PlaceReports:
     def report_found(self, time_s: float, id_: int | None, found: Found, *, sure: bool) -> None:
         """Report a place found."""
         spread = self.accuracy.relative(found), self.accuracy.on_earth(found), self.accuracy.reported_m
-        self.emit(PlaceFound(time_s, id_, found.north, found.east, found.covariance, sure, *spread))
+        self.emit(PlaceFound(time_s, id_, found.north, found.east, found.covariance, sure, *spread, found.down))
         if found.turned_deg is not None:
             self.emit(ReceiverTurned(time_s, id_, found.turned_deg))
 

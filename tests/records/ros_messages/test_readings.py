@@ -342,6 +342,13 @@ def test_the_place_found_is_told_on_earth_with_its_covariance_and_again_for_thos
     assert [t for t, one in zip(times, later, strict=True) if "/search/found" in one] == [10.0, 11.0]
 
 
+@pytest.mark.parametrize(("down_m", "height_m"), [(1.5, -1.5), (None, 0.0), (math.inf, 0.0)])
+def test_the_height_of_the_place_is_told_where_the_search_knows_it(down_m: float | None, height_m: float) -> None:
+    said = told(TakeOffPoint(0.0, *HOME), replace(FOUND, down_m=down_m))
+    assert said["/search/found"]["altitude"] == pytest.approx(HOME[2] + height_m, abs=1e-3)
+    assert {s["pose"]["position"]["z"] for s in said["/search/visualization"]["markers"]} == {height_m}
+
+
 def test_a_strategy_that_knows_no_covariance_has_no_ellipse() -> None:
     said = told(TakeOffPoint(0.0, *HOME), PlaceFound(9.0, 4, 20.0, 5.0, None, True))
     assert [s["ns"] for s in said["/search/visualization"]["markers"]] == ["found"]
@@ -397,15 +404,15 @@ def test_the_messages_come_in_the_order_of_their_times_whatever_they_are_of(tmp_
 
 def test_every_victim_of_a_search_is_there_from_its_time_on(tmp_path: Path) -> None:
     victims = [
-        {"id": n, "north": n, "east": 0.0, "time_s": 4.0 - 1.5 * n} for n in (1, 2)
+        {"id": n, "north": n, "east": 0.0, "down": n / 2, "time_s": 4.0 - 1.5 * n} for n in (1, 2)
     ]  # of the take-off, after 1 s
     every = list(messages_of(load_record(made_records.write_search(tmp_path, victims=victims))))
     began_ns = min(publication.stamp_ns for publication in every)
     told = [
         (p.stamp_ns - began_ns, *by_topic([p])["/search/visualization"]["markers"]) for p in every if "vis" in p.topic
     ]
-    shown = [(ns / 1e9, marker["pose"]["position"]["y"]) for ns, marker in told]
-    assert shown == [(2.0, 2.0), (3.0, 2.0), (3.5, 1.0), (5.0, 1.0)]
+    shown = [(ns / 1e9, *(marker["pose"]["position"][axis] for axis in "yz")) for ns, marker in told]
+    assert shown == [(2.0, 2.0, -1.0), (3.0, 2.0, -1.0), (3.5, 1.0, -0.5), (5.0, 1.0, -0.5)]
 
 
 def test_several_receivers_have_their_topics(tmp_path: Path) -> None:
