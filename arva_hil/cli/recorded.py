@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -24,7 +25,7 @@ def loaded(folder: str) -> Recording:
 
 def is_campaign(folder: str) -> bool:
     """Return True for the folder of a campaign's results."""
-    return (Path(folder) / "results.sqlite").is_file()
+    return os.path.isfile(Path(folder) / "results.sqlite")
 
 
 @contextlib.contextmanager
@@ -39,9 +40,9 @@ def output(name: str, *recordings: Recording) -> Iterator[BinaryIO]:
         return
     path = Path(name)
     own = [recording.folder / name for recording in recordings for name in recording.files]
-    if any(path.exists() and one.exists() and path.samefile(one) for one in own):
-        raise UsageError(f"{path}: this is a file of the record itself: name another one")
     try:
+        if any(path.exists() and one.exists() and path.samefile(one) for one in own):
+            raise UsageError(f"{path}: this is a file of the record itself: name another one")
         with files.replacing(path) as out:
             yield out
     except OSError as error:

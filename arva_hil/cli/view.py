@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -13,7 +14,7 @@ from arva_hil.cli import replay
 from arva_hil.cli.arguments import parser_of
 from arva_hil.cli.arguments.shared import OFF
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
-from arva_hil.cli.recorded import write
+from arva_hil.cli.recorded import loaded, write
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import background_of, said_of_page
 from arva_hil.clock import RealClock
@@ -21,7 +22,7 @@ from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.offline import offline_page
 from arva_hil.observers.web.server import Server
 from arva_hil.observers.web.viewer import RecordedState
-from arva_hil.records.reading import Recording, load
+from arva_hil.records.reading import Recording
 
 
 def main(options: argparse.Namespace) -> int:
@@ -30,7 +31,6 @@ def main(options: argparse.Namespace) -> int:
     with guard, ExitStack() as stack:
         if (recording := _recording(options, stack)) is None:
             return INTERRUPTED
-        tell(*(f"warning: {note}" for note in recording.notes))
         state = RecordedState(recording, background_of(options.map, recording.scenario))
         if options.out:
             page = offline_page(state)
@@ -60,12 +60,13 @@ def _check(options: argparse.Namespace) -> None:
 
 def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | None:
     """Return the record in a folder, or of a log that is replayed first; None after a signal."""
-    folder = Path(options.record_or_log)
-    if folder.is_file():
-        replay.refuse_log(options.out or "", options.record_or_log)
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
+    name: str = options.record_or_log
+    if os.path.isfile(name):
+        replay.refuse_log(options.out or "", name)
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))
+        name = os.path.join(folder, os.path.basename(options.record_or_log))
         chosen = ["--scenario", options.scenario] if options.scenario else []
-        code = replay.main(parser_of("replay").parse([options.record_or_log, "--record", str(folder), *chosen], {}))
+        code = replay.main(parser_of("replay").parse([options.record_or_log, "--record", name, *chosen], {}))
         if code == INTERRUPTED:
             return None
         if code != OK:
@@ -73,7 +74,7 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | Non
     elif options.scenario:
         raise UsageError("--scenario: a record has its own: it is for a log, LOG.tlog")
     with interrupting():  # it may be long
-        return load(folder)
+        return loaded(name)
 
 
 def serve(address: HostPort, state: RecordedState) -> Server:

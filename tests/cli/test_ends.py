@@ -72,6 +72,27 @@ def test_a_place_that_cannot_be_written_is_a_wrong_command_line(arva: Arva, tmp_
 
 
 @pytest.mark.undrawn
+@pytest.mark.parametrize(
+    "words",
+    [
+        "view {place}",
+        "plot {place}",
+        "report {place}",
+        "export {run} --format kml --out {place}",
+        "view {run} --out {place}",
+    ],
+)
+def test_a_name_that_is_too_long_for_the_system_is_a_wrong_name(arva: Arva, tmp_path: Path, words: str) -> None:
+    run, place = write(tmp_path / "flight", 5), tmp_path / ("x" * 300)
+    err = arva(*words.format(run=run, place=place).split(), code=2).err
+    assert re.search(rf"^arva-hil: {place}: cannot be (read|written): File name too long$", err, re.MULTILINE)
+
+
+def test_view_of_an_empty_name_is_not_that_of_the_folder_here(arva: Arva) -> None:
+    assert "the record's name is empty" in arva.refused("view", "")
+
+
+@pytest.mark.undrawn
 @pytest.mark.parametrize("words", OUTPUTS[:1] + OUTPUTS[4:6], ids=lambda words: words.split()[0])
 def test_a_disk_that_is_full_is_a_failure_while_running(
     arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
