@@ -1,7 +1,8 @@
 """Every shell line of README and the pages is run, or is named here with the reason why it is not.
 
 Serial ports are pseudo-terminals, addresses are free ones, the vehicle is the built-in one, and what runs until it is
-told to stop is told so once it does what it is there for. The same flight recorded in several folders is flown once.
+told to stop is told so once it does what it is there for; a `run` of which neither a record nor a link to an autopilot
+is asked for begins, and ends for nobody is there. The same flight recorded in several folders is flown once.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from arva_hil.cli import range_test
 from arva_hil.cli.main import main
 from arva_hil.links.pty import PtyLink
 from tests.cli import flown
-from tests.cli.far_ends import UNDER_TEST, Program
+from tests.cli.far_ends import UNDER_TEST, Beacon, Program
 from tests.free_ports import free_port
 from tests.once import once
 from tests.undrawn import undrawn
@@ -81,7 +82,7 @@ class Bench:
         self.folder = folder
         self._factory = factory
         self._user = {"HOME": str(folder), "XDG_STATE_HOME": str(folder), "PATH": "/usr/bin:/bin"}
-        self._open: list[Program | PtyLink] = []
+        self._open: list[Program | PtyLink | Beacon] = []
         for name in ("configs", "docs", "firmware_proto", "tests", "tools"):
             (folder / name).symlink_to(ROOT / name)
         shutil.copy(ROOT / "tests/data/arducopter.tlog", folder / "flight.tlog")
@@ -101,13 +102,11 @@ class Bench:
         words = [word for link in (*self._vehicle, *links) for word in ("--link", link)]
         self.start("vehicle", *words).says("on the ground")
 
-    def emulate(self) -> Program:
-        """An emulator whose frames are on the pseudo-terminal of the pages."""
-        emulator = self.start("--autopilot", f"{self.folder}/vehicle-2", "--port", f"pty:{self.folder}/arva0")
-        emulator.says("readings are real")
-        return emulator
+    def receive(self) -> None:
+        """A receiver on the pseudo-terminal of the pages."""
+        self._open.append(Beacon(symlink=f"{self.folder}/arva0"))
 
-    def here(self, words: list[str]) -> list[str]:
+    def here(self, words: list[str], vehicle: bool = True) -> list[str]:
         """The words of a line with this bench's places, and the vehicle where the line looks for one."""
         line = PtyLink()
         self._open.append(line)
@@ -126,7 +125,8 @@ class Bench:
                 if result[-1] == "--autopilot":
                     links.append({"tcp": "tcpin", "udpin": "udpout"}[address[1]] + f":127.0.0.1:{port}")
             result.append(word)
-        self.fly(*links)
+        if vehicle:
+            self.fly(*links)
         return result
 
     def ends(self, *words: object, codes: tuple[int, ...] = (0,), **environment: str) -> None:
@@ -228,7 +228,12 @@ def answers_to_its_options(words: list[str]) -> None:
 
 
 def runs(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
-    words = bench.here(words)
+    live = {"--autopilot", "--record"} & set(words)
+    words = bench.here(words, vehicle=bool(live))
+    if not live:
+        environment |= {"ARVA_HIL_AUTOPILOT": "pty", "ARVA_HIL_DURATION": "0.01"}
+        bench.ends(*words, codes=(3,), **environment)
+        return
     if "--autopilot" not in words:
         environment["ARVA_HIL_AUTOPILOT"] = f"{bench.folder}/vehicle-1"
     program = bench.start(*words, **environment)
@@ -243,7 +248,7 @@ def runs(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
 
 def searches(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
     words = bench.here(words)
-    bench.emulate()
+    bench.receive()
     program = bench.start(*words, **environment)
     if "--dry-run" in words:
         program.says("it would have flown")
@@ -254,11 +259,11 @@ def searches(words: list[str], bench: Bench, environment: dict[str, str]) -> Non
 
 
 def listens(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
-    words = bench.here(words)
+    words = bench.here(words, vehicle=False)
     if (bench.folder / words[-1]).is_file():
         ends(words, bench, environment)
         return
-    bench.emulate()
+    bench.receive()
     program = bench.start(*words, **environment)
     program.writes(20)
     program.stops()
@@ -266,7 +271,8 @@ def listens(words: list[str], bench: Bench, environment: dict[str, str]) -> None
 
 def asks(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
     words = bench.here(words)
-    bench.emulate()
+    emulator = bench.start("--autopilot", f"{bench.folder}/vehicle-2", "--port", f"pty:{bench.folder}/arva0")
+    emulator.says("readings are real")
     program = bench.start(*words, "--timeout", "30", **environment)
     program.ends()
     assert b": done" in program.out
@@ -287,7 +293,7 @@ def shows(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
 
 
 def flies(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
-    program = bench.start(*bench.here(words), **environment)
+    program = bench.start(*bench.here(words, vehicle=False), **environment)
     program.says("on the ground")
     program.stops()
 
