@@ -76,7 +76,7 @@ class Program:
 
     `fresh`: as `python -m arva_hil` for certain, where its start or its command line is what counts; else it is forked
     if that is the same, with clocks of this `speed`. `closed`: standard streams that it does not have, by their
-    descriptors.
+    descriptors. `draws`: its figures, which are files without a picture if it is forked and does not.
     """
 
     _not_closed: ClassVar[list[Program]] = []
@@ -88,6 +88,7 @@ class Program:
         fresh: bool = False,
         closed: Sequence[int] = (),
         speed: float = SPEED,
+        draws: bool = False,
         **options: Any,
     ) -> None:
         self.err = ""
@@ -103,7 +104,7 @@ class Program:
                 before = ["sh", "-c", 'exec "$@"' + "".join(f" {fd}>&-" for fd in closed), "sh"]
             self.process = subprocess.Popen([*before, *PROGRAM, *words], **options)
         else:
-            self.process = Forked(words, closed=closed, speed=speed, **{"env": None, **options})
+            self.process = Forked(words, closed=closed, speed=speed, draws=draws, **{"env": None, **options})
         self._not_closed.append(self)
 
     @classmethod

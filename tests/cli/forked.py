@@ -55,7 +55,8 @@ def possible(options: Mapping[str, Any]) -> bool:
 
 class Forked:
     """One process. `stdin`, `stdout`, `stderr`: as for Popen, PIPE for the last two at most. `closed`: descriptors of
-    these three that it does not have. `speed`: of its clocks.
+    these three that it does not have. `speed`: of its clocks. `draws`: its figures, for which it takes as long as to
+    fly for 20 s; else their files have no picture.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Forked:
         cwd: str | os.PathLike[str] | None = None,
         closed: Sequence[int] = (),
         speed: float = 1.0,
+        draws: bool = False,
     ) -> None:
         self.args = arguments
         self.returncode: int | None = None
@@ -77,7 +79,8 @@ class Forked:
         ends = (_fd(stdin, null), _fd(stdout, null, pipes.get("out")), _fd(stderr, null, pipes.get("err")))
         environment = dict(os.environ if env is None else env)
         folder = os.fspath(cwd or os.getcwd())
-        said = {"arguments": arguments, "env": environment, "cwd": folder, "closed": [*closed], "speed": speed}
+        how = {"closed": [*closed], "speed": speed, "draws": draws}
+        said = {"arguments": arguments, "env": environment, "cwd": folder, **how}
         self._status, theirs = os.pipe()
         self.pid, self._pidfd = _fork(json.dumps(said).encode(), [*ends, theirs])
         for fd in (null, theirs, *(writer for _, writer in pipes.values())):
@@ -204,11 +207,15 @@ def _bury(waiting: selectors.BaseSelector, key: selectors.SelectorKey) -> None:
 
 
 def _become(
-    fds: list[int], arguments: list[str], env: dict[str, str], cwd: str, closed: list[int], speed: float
+    fds: list[int], arguments: list[str], env: dict[str, str], cwd: str, closed: list[int], speed: float, draws: bool
 ) -> list[str]:
     """What an interpreter does at its start, as far as it depends on who starts it; the arguments."""
+    from matplotlib.figure import Figure
+
     from arva_hil.clock import RealClock
 
+    if not draws:
+        Figure.savefig = lambda figure, file, **options: file.write(b"<svg></svg>")
     RealClock.__init__.__defaults__ = (speed,)  # type: ignore[attr-defined]
     os.chdir(cwd)
     for target, fd in enumerate(fds[:3]):

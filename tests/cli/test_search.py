@@ -252,7 +252,7 @@ def test_it_counts_down_and_ctrl_c_leaves_it_hovering(
     start: Start, autopilot: Autopilot, beacon: Beacon, tmp_path: Path
 ) -> None:
     program = start(
-        *arguments(autopilot, beacon), *LOW, "--countdown", 3, "--json", "--record", tmp_path / "record"
+        *arguments(autopilot, beacon), *LOW, "--countdown", 3, "--json", "--record", tmp_path / "record", draws=True
     ).after("is a simulator: it answers with SIMSTATE", "arming in 3 s")
     assert orders(autopilot) == []
     program.says("going for transmitter 4, 20.0 m away")
