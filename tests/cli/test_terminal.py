@@ -107,22 +107,22 @@ def test_a_replay_shows_a_progress_bar(start: Start, terminal: Terminal) -> None
 
 
 def test_the_demos_last_status_stands_above_its_sums_and_agrees_with_them(start: Start, terminal: Terminal) -> None:
-    program = start("demo", "--speed", "max", stderr=terminal.slave)
+    program = start("demo", "--speed", "max", "--limit", 3, stderr=terminal.slave)
     terminal.shows(r"log: .*search.png")
-    program.ends()
+    program.ends(1)
     left = [re.sub(r"\x1b\[\d*m", "", line.split("\r\x1b[K")[-1]).strip() for line in terminal.rest().split("\n")]
     (status,) = [number for number, line in enumerate(left) if re.search(r"\| \d+ sent, 0 dropped \|", line)]
     (frames,) = [number for number, line in enumerate(left) if re.search(r"^\d+ frames: ", line)]
-    (found,) = [number for number, line in enumerate(left) if line.startswith("found transmitter")]
-    assert status < frames < found
+    (result,) = [number for number, line in enumerate(left) if line.startswith("not found in 3 s")]
+    assert status < frames < result
     count = re.search(r"\d+ sent", left[status])
     assert count
     assert count[0] in left[frames]
 
 
 def test_headless_is_plain_lines(start: Start, terminal: Terminal) -> None:
-    program = start("demo", "--speed", "max", "--headless", "--limit", 5, stderr=terminal.slave)
-    program.ends(1)  # nothing is found in 5 s
+    program = start("demo", "--speed", "max", "--headless", "--limit", 1, stderr=terminal.slave)
+    program.ends(1)  # nothing is found in 1 s
     assert "\x1b" not in terminal.rest()
 
 
