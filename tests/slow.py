@@ -47,7 +47,6 @@ SLOW: Final = {
     "campaign/test_results.py::test_killed_in_the_middle_of_a_write_it_goes_on_without_loss_or_repetition": EXAMPLES,
     "campaign/test_trials.py": TRIALS,
     "cli/test_broken.py::test_a_broken_scenario_is_answered_at_its_place_and_alike_by_check_and_run": EXAMPLES,
-    "cli/test_broken.py::test_a_process_ends_with_2_and_no_traceback": PROCESS,
     "cli/test_broken.py::test_a_wrong_command_line_is_answered": EXAMPLES,
     "cli/test_campaign.py": TRIALS,
     "cli/test_commands.py": PROCESS,

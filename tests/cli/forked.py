@@ -157,7 +157,7 @@ _SELDOM: Final = ("arva_hil.records.fitting.", "arva_hil.records.ros_messages.")
 
 
 def _import_everything() -> None:
-    import matplotlib.backends.backend_agg  # noqa: F401 (half a second for each program that draws)
+    import matplotlib.figure  # noqa: F401 (half a second for each program with figures)
 
     import arva_hil
 

@@ -597,8 +597,8 @@ OTHERS = {"2>/dev/full": ("/dev/full", "w"), "2</dev/null": (os.devnull, "r")}
 
 
 @pytest.mark.parametrize("which", [*CLOSED, *OTHERS])
-def test_no_command_crashes(start: Start, which: str) -> None:
-    for arguments, code in ((["check", "none.yaml"], 2), (["replay", LOG], 0)):
+def test_no_command_crashes(start: Start, log: Path, which: str) -> None:
+    for arguments, code in ((["check", "none.yaml"], 2), (["replay", log], 0)):
         ends_quietly(start, which, arguments, code)
 
 

@@ -86,8 +86,9 @@ def test_a_run_tells_every_reading_and_ends_though_a_client_listens(
     assert all_agree(watcher, tmp_path / "run") >= 10
 
 
-def test_a_replay_tells_the_readings_of_the_log(start: Start, flight: Path, tmp_path: Path) -> None:
-    program = start("replay", flight, "--speed", 20, "--rate", 5, "--foxglove", 0, "--record", tmp_path / "run")
+def test_a_replay_tells_the_readings_of_the_log(start: Start, tmp_path: Path) -> None:
+    log = ROOT / "tests" / "data" / "arducopter.tlog"
+    program = start("replay", log, "--speed", 20, "--rate", 5, "--foxglove", 0, "--record", tmp_path / "run")
     watcher = client(program)
     program.ends()
     watcher.until_closed()

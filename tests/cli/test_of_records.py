@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from matplotlib.figure import Figure
 
 from arva_hil.campaign import report, results
 from arva_hil.campaign.results import row
@@ -24,12 +23,15 @@ from tests.made_records import write, write_several
 
 from .far_ends import Arva
 
+FIGURE = "matplotlib.figure.Figure.savefig"
 
-def test_a_sheet_is_of_the_kind_that_its_name_says(arva: Arva, tmp_path: Path) -> None:
-    run = write(tmp_path / "flight", 0, search=False)
-    for name, begins in {"b.svg": b"<?xml", "c.PDF": b"%PDF"}.items():
+
+def test_a_sheet_is_of_the_kind_that_its_name_says(arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, kinds = write(tmp_path / "flight", 0, search=False), []
+    monkeypatch.setattr(FIGURE, lambda figure, out, format, **_: kinds.append(format))
+    for name in "b.svg", "c.PDF":
         assert arva("plot", run, "--out", tmp_path / name) == (0, "", f"written: {tmp_path / name}\n")
-        assert (tmp_path / name).read_bytes().startswith(begins)
+    assert kinds == ["svg", "pdf"]
 
 
 @pytest.mark.undrawn
@@ -68,7 +70,7 @@ def test_pictures_for_a_paper_have_its_size_and_truetype_fonts_and_no_pixels(
         assert b"/Type3" not in data
         assert b"/Subtype /Image" not in data
     widths: list[float] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: widths.append(figure.get_figwidth()))
+    monkeypatch.setattr(FIGURE, lambda figure, *_, **__: widths.append(figure.get_figwidth()))
     arva("plot", folder, "--paper", "--size", "7.16", "--out", tmp_path / "wide")
     assert widths == [7.16] * len(files)
     assert "a sheet has its own size: name a folder" in arva.refused(
@@ -116,6 +118,7 @@ def test_the_charts_of_a_campaign_are_drawn(arva: Arva, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.undrawn
 def test_the_table_of_a_campaign_is_of_its_plan_in_whatever_order_the_trials_ended(arva: Arva, tmp_path: Path) -> None:
     plan, other = planned(), planned(PLAN.replace("seeds: 6", "seeds: [77]"))
     with results.opened(tmp_path / "results") as kept:

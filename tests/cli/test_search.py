@@ -400,7 +400,9 @@ def test_a_dry_run_says_what_it_would_order_and_orders_nothing(
 def test_a_dry_run_needs_neither_yes_nor_a_terminal(start: Start, real: Autopilot, beacon: Beacon) -> None:
     """A variable that is left in a shell makes it safer, and so it counts."""
     program = start(*arguments(real, beacon), env=os.environ | {"ARVA_HIL_DRY_RUN": "1"})
-    assert "is not known to be a simulator: before it flies, it would need --yes" in program.ends()
+    program.says("is not known to be a simulator: before it flies, it would need --yes")
+    program.says("SET_POSITION_TARGET_LOCAL_NED: ")
+    program.stops(signal.SIGINT)
     nothing_moves(real)
 
 
@@ -573,8 +575,8 @@ def test_two_searches_on_one_link_have_a_vehicle_each(start: Start, field: Path,
         )
         assert '"vehicle_found"' in (tmp_path / "record" / name / "search.jsonl").read_text()
     alone = start("search", "--scenario", field, "--vehicle", "b", *words)
-    assert "vehicle ardupilotmega quadrotor 2/1" in alone.ends()
-    assert "quadrotor 1/1" not in alone.err.replace("ignored", "")
+    alone.says("vehicle ardupilotmega quadrotor 2/1")
+    assert "quadrotor 1/1" not in alone.stops(signal.SIGINT).replace("ignored", "")
 
 
 @pytest.mark.parametrize(
