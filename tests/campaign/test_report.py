@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from arva_hil.campaign import charts, report
 from arva_hil.campaign.results import TrialRow, differences, groups, matched, row, student, summary, wilson
 from tests.said import says
+from tests.undrawn import undrawn
 
 from .fakes import fake, planned
 
@@ -205,7 +206,8 @@ def test_the_page_is_one_file_well_formed_and_the_same_each_time(page: str) -> N
 
 
 def test_the_charts_are_drawn_and_success_by_distance_where_distances_are_many() -> None:
-    few = charts.draw(ROWS, 2.0)
+    with undrawn():
+        few = charts.draw(ROWS, 2.0)
     assert [caption.split(",")[0].split(":")[0] for caption in few] == [
         "Success",
         "Time until the transmitter is found",

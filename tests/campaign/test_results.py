@@ -152,7 +152,7 @@ def test_a_trial_that_failed_is_run_again_and_its_row_replaced(tmp_path: Path) -
         assert results.rows == {KEYS[0]: ROWS[0], KEYS[1]: ROWS[1]}
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(
     st.builds(
         Result,

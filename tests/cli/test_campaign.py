@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import sqlite3
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing
@@ -241,13 +240,15 @@ def test_a_terminal_has_a_bar_and_when_it_is_closed_results_are_whole(
     assert rows(out) == 18
 
 
-def test_a_reader_that_goes_ends_it_and_its_results_are_whole(start: Start, plan: Path, gate: Path) -> None:
+def test_a_reader_that_goes_ends_it_and_its_results_are_whole(
+    arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = plan.parent / "r"
-    program = start("campaign", plan, "--out", out, "--json", stdout=subprocess.PIPE)
-    program.process.stdout.readline()
-    program.process.stdout.close()
-    (gate / "open").touch()
-    assert "stdout" not in program.ends(141)
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as gone:
+        monkeypatch.setattr(sys, "stdout", gone)
+        assert "stdout" not in arva("campaign", plan, "--out", out, "--json", code=141).err
     assert 1 <= rows(out) < TRIALS
 
 
