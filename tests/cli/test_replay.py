@@ -29,16 +29,6 @@ def frames_of(err: str) -> int:
     return int(re.search(r"^(\d+) frames: ", err, re.MULTILINE)[1])  # type: ignore[index]
 
 
-def test_twice_the_same_gives_the_same_record(arva: Arva, tmp_path: Path) -> None:
-    for name in "first", "second":
-        arva("replay", LOG, "--seed", 5, "--record", tmp_path / name)
-    first, second = (contents(tmp_path / name) for name in ("first", "second"))
-    for name in ("frames.bin", "frames.csv", "readings.csv", "autopilot.tlog"):
-        assert first[name] == second[name]
-    again, log = (TlogReader(path) for path in (tmp_path / "first" / "autopilot.tlog", LOG))
-    assert [record.raw for record in again] == [record.raw for record in log]
-
-
 def test_frames_go_to_a_file_or_to_stdout(arva: Arva, start: Start, tmp_path: Path) -> None:
     arva("replay", LOG, "--out", tmp_path / "frames.bin")
     program = start("replay", LOG, "--out", "-")

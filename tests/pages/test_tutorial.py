@@ -20,7 +20,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import matplotlib
 import pytest
 
 from arva_hil.config import parse
@@ -105,6 +104,8 @@ class Terminal:
 @pytest.fixture
 def terminals(tmp_path: Path) -> Iterator[dict[str, Terminal]]:
     """Terminals, opened when they are first typed in, in a folder like this project's, of a user with an empty home."""
+    import matplotlib
+
     folder, home = tmp_path / "arva-hil", tmp_path / "home"
     folder.mkdir()
     home.mkdir()
