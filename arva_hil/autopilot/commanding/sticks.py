@@ -14,7 +14,7 @@ from typing import Any, Final
 from arva_hil.events.reasons import Reason, Why, because
 from arva_hil.mavlink.codec import dialect
 
-_CHANNELS: Final = range(1, 19)
+_CHANNELS: Final = [f"chan{n}_raw" for n in range(1, 19)]
 _STICKS: Final = 4  # of the channels; the others are switches and knobs
 _MOVED_US: Final = 75  # a stick has moved: 15 % of its travel from the middle
 _SWITCHED_US: Final = 250  # a switch has moved: half the travel of one with three positions
@@ -69,15 +69,16 @@ class _Pulses:
         sticks = [pulse for pulse in pulses[:_STICKS] if pulse not in _ABSENT]
         known = self._messages > 1 and all(map(_valid, sticks)) and any(map(_valid, pulses))
         self.now = pulses if known else ()
-        by, channel = max([(self._moved(n, throttle - 1, flown), n + 1) for n in range(len(self.now))], default=(0, 0))
+        by, channel = max(
+            [(self._moved(n, throttle - 1, flown), n + 1) for n, pulse in enumerate(self.now) if _valid(pulse)],
+            default=(0, 0),
+        )
         self._times = self._times + 1 if by else 0
         return (channel, by) if self._times >= _TWICE else (0, 0)
 
     def _moved(self, n: int, throttle: int, flown: bool) -> int:
-        """Return the movement of a channel [µs]; 0 if it has not moved."""
+        """Return the movement of a channel with a valid pulse [µs]; 0 if it has not moved."""
         pulse, stick = self.now[n], n < _STICKS
-        if not _valid(pulse):
-            return 0
         if not _valid(self._rest[n]):
             self._rest[n] = _CENTRE_US if flown and stick and n != throttle else pulse
         by = abs(pulse - self._rest[n])
@@ -133,18 +134,18 @@ class Sticks:
         if kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
             self.remote = bool(message.onboard_control_sensors_present & message.onboard_control_sensors_health & _RC)
         elif kind == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
-            pulses = [getattr(message, f"chan{n}_raw") for n in _CHANNELS]
+            pulses = [getattr(message, channel) for channel in _CHANNELS]
             if not self._usable or any(0 < us < self.lost_us for us in pulses[self.throttle - 1 : self.throttle]):
                 pulses = [0] * len(pulses)
             self._radio_s = now
             channel, by_us = self._radio.on_pulses(pulses, self.throttle, flown=flown)
-            self._on_moved(channel, by_us, because(Why.CHANNEL_MOVED, channel=channel, by_us=by_us))
+            self._on_moved(channel, by_us, Why.CHANNEL_MOVED, channel=channel)
         else:
             axes = message.y, message.x, 2 * message.z - _FULL, message.r
             pulses = [_CENTRE_US + axis // 2 if abs(axis) <= _FULL else 0 for axis in axes]
             channel, by_us = self._manual.on_pulses(pulses, _AXES.index("throttle") + 1, flown=flown)
-            self._on_moved(channel, by_us, because(Why.AXIS_MOVED, axis=_AXES[channel - 1], by_us=by_us))
+            self._on_moved(channel, by_us, Why.AXIS_MOVED, axis=_AXES[channel - 1])
 
-    def _on_moved(self, channel: int, by_us: int, moved: Reason) -> None:
+    def _on_moved(self, channel: int, by_us: int, why: Why, /, **moved: Any) -> None:
         if channel and self._marked:
-            self.channel, self.by_us, self.moved = channel, by_us, moved
+            self.channel, self.by_us, self.moved = channel, by_us, because(why, **moved, by_us=by_us)
