@@ -37,7 +37,7 @@ class ReadyLinks:
 
     def names(self) -> list[str]:
         """Return the links to read now, in their order."""
-        if self.fileno() is None:
+        if not self._selector.get_map():
             return self._polled
         ready = {key.data for key, _ in self._selector.select(0)}
         return [name for name in self._links if name in ready or name in self._polled]
@@ -47,7 +47,7 @@ class ReadyLinks:
         for fd in [*self._selector.get_map()]:
             self._selector.unregister(fd)
         self._polled = [name for name, link in self._links.items() if not self._watch(name, link)]
-        watched = [] if self.fileno() is None else [self]
+        watched = [self] if self._selector.get_map() else []
         self.waitables = [*watched, *(self._links[name] for name in self._polled)]
 
     def forget(self, name: str) -> None:
