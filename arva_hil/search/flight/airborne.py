@@ -207,7 +207,7 @@ class SetPointCheck:
         if not _is_enough(window):
             return None
         seconds, squared = sum([sample.seconds for sample in window]), sum([sample.squared for sample in window])
-        by_velocity, by_position = (sum(values) / squared for values in zip(*(s.products for s in window), strict=True))
+        by_velocity, by_position = (sum([s.products[n] for s in window]) / squared for n in (0, 1))
         speed = math.sqrt(squared / seconds)
         scale = min(1.0, 1.0 / speed)
         if by_velocity.real >= _SLOW * scale or by_position.real >= _DRIFT * scale:
