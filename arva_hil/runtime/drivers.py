@@ -166,8 +166,9 @@ class Live:
         now = clock.now()
         if now - self.emulator.next_deadline() > _CATCH_UP_S > late_s:
             return now  # the process was stopped while it read: read again before frames are made
-        may_rest = clock.early_s > 0 and not self.emulator.options.needs_times and not any_ready(self._ready.waitables)
-        self._rests = may_rest and self._reads > reads and self._reads % _PROMPT > 0
+        may_rest = clock.early_s > 0 and not self.emulator.options.needs_times
+        may_rest = may_rest and self._reads > reads and self._reads % _PROMPT > 0
+        self._rests = may_rest and not any_ready(self._ready.waitables)
         rested = now + _REST_S if self._rests else math.inf
         due = now >= self.emulator.next_deadline()
         if due:

@@ -236,24 +236,24 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float | Array, chance: flo
     return Fit(x, cost, information, gradient, e, weight, slope, variance, j)
 
 
-def of_receiver(x: Array, o: DipoleReadings) -> tuple[Array, Array]:
-    """Return the slopes (K, 3, M) of the errors of `evaluate` over the receiver's lean, and over its gains.
+def of_receiver(x: Array, o: DipoleReadings) -> Array:
+    """Return the slopes (K, 6, M) of the errors of `evaluate` over the receiver's gains, and over its lean.
 
-    The lean: roll and pitch [1/rad]; the last is the error if the yaw is one of the compass: it turns about the
-    vertical, and a mount about the receiver's own axis. For a level receiver both are the same. The gains: logarithms
-    of those of x, y and z.
+    The gains: logarithms of those of x, y and z. The lean: roll and pitch [1/rad]; the last is the error if the yaw is
+    one of the compass: it turns about the vertical, and a mount about the receiver's own axis. For a level receiver
+    both are the same.
     """
     *_, h = _field(x, o)
     ahead, right, down = o.axis.real, o.axis.imag, np.cross(o.axis.real, o.axis.imag, axis=0)
     parts = np.concatenate([_dot(axis, h) for axis in (ahead, right, down)], axis=1)  # (K, 3, N)
     z = parts[:, :1] + 1j * parts[:, 1:2] + 1e-12
+    gains = np.where(o.inner, parts**2 / (_dot(h, h) + 1e-20), parts * np.array([[1], [1j], [0]]) / z)
     across = np.where(o.inner, 0, parts[:, 2:] / z)
     roll, pitch = 1j * across, -across
     compass = x[:, 6:, None] * (o.axis[2].real * roll + o.axis[2].imag * pitch)
-    leaning = np.concatenate([roll, pitch, compass], axis=1)
-    gains = np.where(o.inner, parts**2 / (_dot(h, h) + 1e-20), parts * np.array([[1], [1j], [0]]) / z)
-    leaning[:, :, 0] = gains[:, :, 0] = 0  # number 0 is the prior
-    return leaning.view(float), gains.view(float)
+    slopes = np.concatenate([gains, roll, pitch, compass], axis=1).view(float)
+    slopes[:, :, :2] = 0  # number 0 is the prior
+    return slopes
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float | Array, rounds: int) -> tuple[Fit, Array]:

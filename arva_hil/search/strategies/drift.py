@@ -149,6 +149,7 @@ def fitted(
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is the prior
     late_m = np.zeros((3, n)) if velocity is None else errors.receiver * _LATE_S * velocity
     law = errors.receiver * _of_law(o)
+    sizes = np.array([*[errors.receiver * _UNEQUAL] * 3, errors.mount, errors.mount, 1.0])[:, None]
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
     there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, n))
     for k, before in enumerate(near):
@@ -158,11 +159,9 @@ def fitted(
         numbers = list(going)
         there.at = o.at - drift[numbers]
         fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.chance)
-        leaning, unequal = dipole.of_receiver(x[numbers], there)
-        leaning *= [[errors.mount], [errors.mount], [1.0]]
-        unequal *= errors.receiver * _UNEQUAL
+        of_receiver = dipole.of_receiver(x[numbers], there) * sizes
         for row, k in enumerate(numbers):
-            causes = np.concatenate([law, unequal[row], leaning[row]])
+            causes = np.concatenate([law, of_receiver[row]])
             one = _linear(fit, row, drift[k], errors.white_m, both, late_m, causes)
             if going[k] <= 0:
                 fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, variance, o.time_s)

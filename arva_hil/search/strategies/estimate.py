@@ -62,7 +62,7 @@ _UNEXPLAINED: Final = 1.2  # a larger mean squared error, by the variances, is o
 _FARTHER_M: Final = 1.0  # sigma added then, and under the largest drift, which may be a larger one
 _REPORT_S: Final = 1.0  # time between two readings that may report a place
 _KNOWN_M: Final = 0.25  # report a place whose sigma is less now
-_EXACT_M: Final = 0.02  # the same before another circle: the readings need no error to explain them
+_AT_ONCE_M: Final = 0.02  # report it without another circle if its sigma is less than this
 _PATIENCE_S: Final = 120.0  # time from the first hover after which that sigma grows
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
@@ -322,7 +322,7 @@ class Estimate:
         before, self._candidate, self._course.goal = self._candidate, candidate, candidate.goal
         near, after_s = math.dist(o.position[:2], candidate.goal) < _NEAR_M, o.time_s - self._above_s
         sigma = max(sigma_of(one and one.now_covariance) or math.inf for one in (before, candidate))
-        checked = sigma < _EXACT_M or (self._circle is not None and self._circle.done)
+        checked = sigma < _AT_ONCE_M or (self._circle is not None and self._circle.done)
         known = checked and sigma < _KNOWN_M * max(1.0, after_s / _PATIENCE_S)
         if (near and known) or after_s > _LONGEST_S + _REACH_S:
             self._found, self._circle = candidate, None
