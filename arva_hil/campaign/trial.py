@@ -86,6 +86,7 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         several(trial.scenario, trial.drones) if team else trial.scenario,
         plan,
         start=clock.now(),
+        mounts_known=True,
         wind=trial.wind,
         gps_noise_m=trial.gps_noise_m,
         stream_hz=_STREAM_HZ,

@@ -112,6 +112,7 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
             start=start,
             gps_noise_m=options.gps_noise,
             wires=wires,
+            mounts_known=options.mount is None,
             observers=surroundings.observers,
             tell_packets=bool(options.record or surroundings.page),
             log=log.row if log else None,

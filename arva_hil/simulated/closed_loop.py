@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Lla, ReceiverConfig, Scenario, VehicleConfig
-from arva_hil.emulator.build import moving_transmitters
+from arva_hil.emulator.build import mount, moving_transmitters
 from arva_hil.emulator.engine import EmulatedVehicle, Emulator
 from arva_hil.emulator.setup import VehicleSetup, one_vehicle, vehicle_setups
 from arva_hil.events import Event
@@ -25,7 +25,7 @@ from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.mission.victims import Victim
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.search.team.team import Bus, TeamField
+from arva_hil.search.team.team import Bus, TeamField, Teammate
 from arva_hil.simulated import HOME
 from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
@@ -188,6 +188,7 @@ class ClosedLoop:
     - `emit`: gets the events of each search, with its vehicle's name; by default the observers get them.
     - `log`: gets the steps of each search.
     - `wires`: of each drone; by default in memory.
+    - `mounts_known`: each search knows the mount of its receiver in the scenario, otherwise that of the plan.
     """
 
     def __init__(
@@ -197,6 +198,7 @@ class ClosedLoop:
         *,
         start: float,
         wires: Sequence[Wires] | None = None,
+        mounts_known: bool = False,
         wind: Vector = (0.0, 0.0, 0.0),
         gps_noise_m: float = 0.0,
         sensors: int = SENSORS,
@@ -206,8 +208,7 @@ class ClosedLoop:
         emit: Callable[[str, Event], None] | None = None,
         log: Callable[[SearchStep], None] | None = None,
     ) -> None:
-        datum = _datum(scenario)
-        self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
+        self.frame = LocalFrame(*astuple(_datum(scenario)))
         scenario = _flown(scenario, noisy=bool(gps_noise_m))
         audience = Audience(observers)
         emit = emit or (lambda name, event: audience.emit([FromSearch(event.time_s, event, name)]))
@@ -226,7 +227,7 @@ class ClosedLoop:
             autopilots[setup.link], ports[receiver.sink] = links.autopilot[0], links.port[1]
             kind, mate = FORMATS[receiver.scenario.output_format], bus.join() if scenario.vehicles else None
             search = SearchClient(
-                mate.layered(plan) if mate else plan,
+                _plan(plan, mate, receiver.scenario if mounts_known else None),
                 Session(target_system=system, rate_hz=stream_hz, component=COMPONENT),
                 links.commands[0],
                 links.port[0],
@@ -262,6 +263,12 @@ class ClosedLoop:
         vehicle, east = scenario.vehicles[n], (n - (len(scenario.vehicles) - 1) / 2) * APART_M
         lat, lon, alt = (float(value) for value in self.frame.lla([0.0, east, 0.0]))
         return vehicle.name, vehicle.system or n + 1, (lat, lon, alt)
+
+
+def _plan(plan: SearchPlan, mate: Teammate | None, known: Scenario | None) -> SearchPlan:
+    """Return the plan of one drone; with the mount of the receiver in `known`."""
+    plan = mate.layered(plan) if mate else plan
+    return replace(plan, mount=mount(known)) if known else plan
 
 
 def _setups(scenario: Scenario, stream_hz: float) -> list[VehicleSetup]:

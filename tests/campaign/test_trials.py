@@ -271,6 +271,7 @@ def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> Non
 
 def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_last(tmp_path: Path) -> None:
     two = "spec: 2\ntransmitters: [{id: 1, ned: [4, -3, 0]}, {id: 2, ned: [-3, 5, 0]}]\n"
+    two += "receiver: {mount: {position: [3, 0, 0]}}\n"
     plan = "strategies: flux\nscenarios: one.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-6, -6, 6, 6]\n"
     one = row_of(tmp_path, two, plan)
     assert (one.outcome, one.drones, one.hover_m) == ("found", 2, None)

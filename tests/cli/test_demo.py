@@ -6,12 +6,18 @@ import json
 import re
 import signal
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from arva_hil.cli import demo as command
 from arva_hil.cli.demo import Pace
 from arva_hil.clock import StepClock
+from arva_hil.search.flight.client import SearchClient
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.simulated import closed_loop
 from tests.files import rows as table
 from tests.files import written
 from tests.said import says
@@ -190,6 +196,30 @@ def test_an_error_of_the_estimate_is_refused_where_the_vehicle_tells_the_truth(a
         "spec: 2\nnavigation_error: {bias_ned: [1, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]\n",
     )
     assert "navigation_error" in arva.refused(*MAX, "--scenario", path)
+
+
+@pytest.mark.parametrize(("words", "place"), [((), [0.3, 0, 0.1]), (["--mount=1,2,3"], [1, 2, 3])])
+@pytest.mark.parametrize("drones", [(), ("--count", 2)])
+def test_its_searches_know_where_the_scenario_has_mounted_the_receiver(
+    arva: Arva,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: Sequence[str],
+    place: Sequence[float],
+    drones: Sequence[object],
+) -> None:
+    plans: list[SearchPlan] = []
+
+    def client(plan: SearchPlan, *more: Any, **named: Any) -> SearchClient:
+        plans.append(plan)
+        return SearchClient(plan, *more, **named)
+
+    monkeypatch.setattr(closed_loop, "SearchClient", client)
+    monkeypatch.setattr(command, "run", lambda *_, **__: None)
+    near = scenario(tmp_path, (1, 6.0, 3.0))
+    near.write_text(near.read_text() + "receiver: {mount: {position: [0.3, 0, 0.1]}}\n")
+    arva(*MAX, "--scenario", near, *drones, *words, code=(0, 1))
+    assert [plan.mount.pose((0, 0, 0), (1, 0, 0, 0))[0].tolist() for plan in plans] == [place] * (2 if drones else 1)
 
 
 # -- `arva-hil demo` with several drones on one field ----------------------------------------------------------

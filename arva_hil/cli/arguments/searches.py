@@ -80,7 +80,7 @@ PLAN: Final = (
     option(
         "--mount X,Y,Z[,R,P,Y]",
         "place of the receiver on the vehicle: m forward, right and down of its centre; then roll, pitch and yaw in "
-        "degrees; default: for `search --scenario` that of each receiver in the scenario, else 0,0,0,0,0,0",
+        "degrees; default: that of each receiver in the scenario, without one 0,0,0,0,0,0",
         mount,
     ),
     option(
