@@ -15,6 +15,7 @@ from arva_hil.events.words.reasons import in_words
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.strategies.analysis import FAILED
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strategy import sigma_of
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
@@ -99,11 +100,12 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         return loop.over or len(loop.found) >= wanted if team else first.decided
 
     run(loop.tasks, clock, until=trial.limit_s + _AROUND_S, stopped=over)
+    ends = [_outcome(drone, wanted) for drone in loop.drones]
     missions = [drone.mission for drone in loop.drones if drone.mission]
     errors = [error for drone in loop.drones if (error := drone.error()) is not None]
     hovers = first.mission is not None and first.mission.found is not None and not team
     return Result(
-        _counted(len(loop.found), wanted) if team else _outcome(first, wanted),
+        next((one for one in ends if one.startswith(FAILED)), _counted(len(loop.found), wanted) if team else ends[0]),
         None if math.inf in errors else max(errors, default=None),
         first.off(clock.now()) if hovers else None,
         max((mission.progress.searched_s for mission in missions), default=0.0),

@@ -260,6 +260,21 @@ def test_more_places_than_transmitters_have_no_error(tmp_path: Path, monkeypatch
     assert (one.error_m, one.success(2.0)) == (None, False)
 
 
+class Raising(FoundAtOnce):
+    """Fails at the first reading."""
+
+    def observe(self, observation: Observation) -> None:
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("drones", [1, 2])
+def test_a_strategy_that_fails_is_the_outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drones: int) -> None:
+    monkeypatch.setitem(STRATEGIES.loaded, "flux", Raising)
+    plan = f"strategies: flux\nscenarios: one.yaml\ndrones: {drones}\nlimit_s: 30\n"
+    one = row_of(tmp_path, "transmitters: [{id: 1, ned: [12, 5, 0]}]\n", plan)
+    assert (one.failed, one.outcome[:42]) == (True, "the strategy has failed: ZeroDivisionError")
+
+
 def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> None:
     """There is one a second, on the second: five steps a second, and none of them hears it later."""
     steps: list[SearchStep] = []
