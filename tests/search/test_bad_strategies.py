@@ -404,9 +404,14 @@ def test_one_that_fails_is_named_with_its_error(does: Callable[[], Any], said: s
 
 
 def test_what_it_prints_goes_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
-    with process(lambda: print("here I am", flush=True)) as worker:
+    def says() -> None:
+        print("here I am", flush=True)
+
+    with process(says) as worker:
         steered(worker)
-    assert capfd.readouterr() == ("", "here I am\n")
+    begun = (Analysis.add, 7, observation()), (Analysis.begin, 3, 7, True)
+    Inline(partial(Does, says, 1.0)).send([*begun, (Analysis.observe, observation(), 1.0), (Analysis.steer, 1.0, AT)])
+    assert capfd.readouterr() == ("", "here I am\n" * 2)
 
 
 def test_its_exit_code_is_reported_although_its_pipe_ends_before() -> None:

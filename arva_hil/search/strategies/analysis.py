@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import inspect
 import math
+import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -221,7 +223,8 @@ class Inline:
         self._answer: AnalysisResult | None = None
 
     def send(self, orders: Sequence[Order]) -> None:
-        self._answer = self._analysis.answer(orders)
+        with redirect_stdout(sys.stderr):  # for what the strategy prints: stdout has the results of the command
+            self._answer = self._analysis.answer(orders)
 
     def receive(self) -> AnalysisResult | None:
         return self._answer
