@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from arva_hil.cli.outcome import FAILED, Failure, UsageError
+from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.recorded import is_campaign, loaded, make_folder, needing, write
 from arva_hil.records.pictures.run import pictures, sheets
 from arva_hil.records.pictures.style import COLUMN_IN, FORMATS, Format, Print
@@ -51,12 +51,9 @@ def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str
 
     if sheet:
         raise UsageError(f"--out {out}: a campaign has a file for each chart: name a folder")
-    try:
-        with results.opened(Path(options.run)) as kept, needing("plots", "plot"):
-            rows = kept.planned()
-            drawn = charts.draw(*rows, format, form)
-    except results.ResultsError as error:
-        raise Failure(FAILED, error) from None
+    with results.opened(Path(options.run)) as kept, needing("plots", "plot"):
+        rows = kept.planned()
+        drawn = charts.draw(*rows, format, form)
     make_folder(out)
     for caption, data in drawn.items():
         name = re.sub("[^a-z]+", "-", re.split("[,:(]", caption.lower())[0]).strip("-")
