@@ -8,8 +8,9 @@ from xml.etree import ElementTree
 
 from arva_hil.bench.clauses import clauses
 from arva_hil.bench.judge import Verdict, judge
-from arva_hil.cli.outcome import FAILED, OK, NotWritten, UsageError
-from arva_hil.cli.terminal import show
+from arva_hil.cli.outcome import FAILED, OK, UsageError
+from arva_hil.cli.recorded import output
+from arva_hil.cli.terminal import show, tell
 from arva_hil.errors import nearest
 from arva_hil.safe_text import one_line
 
@@ -36,6 +37,7 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError("no command: write arva-hil conform -- ./my_decoder")
     if options.only and not options.pty and (needy := [clause.name for clause in chosen if clause.pty]):
         raise UsageError(f"--only {needy[0]}: this clause needs a port: add --pty")
+    say = tell if options.junit == "-" else show
     verdicts = []
     for clause in chosen:
         if clause.pty and not options.pty:
@@ -45,22 +47,20 @@ def main(options: argparse.Namespace) -> int:
         except OSError as error:
             raise UsageError(f"{options.command[0]}: cannot be started: {error.strerror}") from None
         verdicts.append(verdict)
-        show(f"{'FAIL' if verdict.why else 'ok':<4} {clause.name:<15} {verdict.why or clause.text} ({clause.section})")
+        say(f"{'FAIL' if verdict.why else 'ok':<4} {clause.name:<15} {verdict.why or clause.text} ({clause.section})")
     failed = sum(bool(verdict.why) for verdict in verdicts)
-    show(f"{len(verdicts) - failed} of {len(verdicts)} clauses hold")
+    say(f"{len(verdicts) - failed} of {len(verdicts)} clauses hold")
     if options.junit:
         _write_junit(options.junit, verdicts, failed)
     return FAILED if failed else OK
 
 
-def _write_junit(path: str, verdicts: Sequence[Verdict], failed: int) -> None:
-    """Write the results as JUnit XML. Raises NotWritten."""
+def _write_junit(name: str, verdicts: Sequence[Verdict], failed: int) -> None:
+    """Write the results as JUnit XML, as `output` does."""
     suite = ElementTree.Element("testsuite", name="arva-hil conform", tests=str(len(verdicts)), failures=str(failed))
     for clause, why in verdicts:
         case = ElementTree.SubElement(suite, "testcase", classname=f"PROTOCOL.md.{clause.section}", name=clause.name)
         if why:
             ElementTree.SubElement(case, "failure", message=one_line(why))
-    try:
-        ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
-    except OSError as error:
-        raise NotWritten(f"--junit {path}", error) from None
+    with output(name) as out:
+        ElementTree.ElementTree(suite).write(out, encoding="utf-8", xml_declaration=True)

@@ -42,9 +42,9 @@ def refuse_closed(options: argparse.Namespace) -> None:
         return
     if getattr(options, "json", False):
         raise UsageError("--json: the data go to stdout, which is closed")
-    for name in ("port", "out"):
+    for name in ("port", "out", "junit"):
         if getattr(options, name, None) == "-":
-            raise UsageError(f"--{name} -: the frames go to stdout, which is closed")
+            raise UsageError(f"--{name} -: the data go to stdout, which is closed")
 
 
 def abandon(stream: object) -> None:

@@ -50,7 +50,7 @@ def test_no_read_cuts_a_frame_of_the_burst_so_that_a_slow_decoder_passes() -> No
 def test_the_c_decoder_passes_every_clause(conform: Run, in_c: list[str], tmp_path: Path) -> None:
     report = tmp_path / "report.xml"
     code, out, err = conform("--timeout", "60", "--pty", "--junit", str(report), "--", *in_c)
-    assert (code, err) == (0, ""), out
+    assert (code, err) == (0, f"written: {report}\n"), out
     assert out.splitlines()[-1] == "30 of 30 clauses hold"
     assert ElementTree.parse(report).getroot().attrib["tests"] == "30"
 
@@ -111,6 +111,9 @@ def test_a_failure_is_1_and_a_wrong_command_line_is_2(conform: Run) -> None:
         code, _, err = conform(*arguments)
         assert code == 2
         assert message in err
+    code, out, err = conform("--only", "whole", "--junit", "-", "--", "true")
+    assert (code, ElementTree.fromstring(out).attrib["failures"]) == (1, "1")
+    assert err.startswith("FAIL whole ")
     code, out, _ = conform("--list")
     assert (code, len(out.splitlines())) == (0, 30)
 

@@ -68,7 +68,7 @@ def test_a_place_that_cannot_be_written_is_a_wrong_command_line(arva: Arva, tmp_
     run, place = write(tmp_path / "flight", 5), tmp_path / "flight" / "run.json" / "none"
     plan = written(tmp_path / "plan.yaml", PLAN)
     err = arva(*words.format(run=run, log=DATA / "px4.tlog", plan=plan, place=place).split(), code=2).err
-    assert re.search(rf"^arva-hil: (--junit )?{place}.*: Not a directory$", err, re.MULTILINE)
+    assert re.search(rf"^arva-hil: {place}.*: Not a directory$", err, re.MULTILINE)
 
 
 @pytest.mark.undrawn
@@ -620,8 +620,9 @@ def ends_quietly(start: Start, which: str, arguments: list[Any], code: int) -> N
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [
-        (["--port", "-", "--autopilot", "pty"], "--port -: the frames go to stdout, which is closed"),
-        (["replay", LOG, "--out", "-"], "--out -: the frames go to stdout, which is closed"),
+        (["--port", "-", "--autopilot", "pty"], "--port -: the data go to stdout, which is closed"),
+        (["replay", LOG, "--out", "-"], "--out -: the data go to stdout, which is closed"),
+        (["conform", "--junit", "-", "--", "true"], "--junit -: the data go to stdout, which is closed"),
         (["ports", "--json"], "--json: the data go to stdout, which is closed"),
     ],
 )

@@ -243,7 +243,7 @@ def conform(parser: CommandParser) -> None:
     """
     parser.add_argument("command", metavar="COMMAND", nargs="*", help="the decoder and its arguments, after --")
     parser.options(
-        option("--junit FILE", "write the results as JUnit XML, too"),
+        option("--junit FILE", "write the results as JUnit XML, too; - is stdout"),
         option("--list", "list the clauses, and judge nothing"),
         option("--only CLAUSE", "judge this clause; may be given again", str, action="append"),
         option("--pty", "the command opens the port named in $ARVA_PORT, instead of reading stdin"),
