@@ -246,7 +246,9 @@ def test_a_pose_of_nan_and_infinity_is_no_pose(folder: Path) -> None:
 
 
 def test_a_flight_of_a_clock_that_was_stepped_has_the_time_of_the_computer(tmp_path: Path) -> None:
-    assert load(write(tmp_path / "flight", 6, search=False, epoch_us=0)).start_utc_s == 1_798_761_600.0
+    folder = write(tmp_path / "flight", 6, search=False, epoch_us=0)
+    assert load(folder).start_utc_s == 1_798_761_600.0
+    assert (folder / "frames.csv").read_text().splitlines()[1].startswith("2027-01-01T00:00:02.000Z,")
 
 
 def test_a_scenario_that_this_program_cannot_read_costs_only_what_needs_it(folder: Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from arva_hil.clock import Clock
+from arva_hil.clock import Clock, from_utc, utc
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
@@ -45,6 +45,7 @@ class Recorder(GrowingFiles):
         self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
         self._events = EventLines(epoch_us)
         about = {"record": names.VERSION, "ended": None, "exit_code": None, **(run or {})}  # until the run ends
+        self._date_us = epoch_us or from_utc(about.get("started", utc(0)))  # a stepped clock has no date of its own
         refuse_old(
             folder, [name for name in (*names.FILES, names.CHUNKS) if name not in layout.files], "a record"
         )  # of another layout
@@ -80,7 +81,7 @@ class Recorder(GrowingFiles):
             self._pending[table] += names.header_of_frames(len(event.reading.channels)).encode()
         of_slots, of_frame = names.rows(event, self._begun[table])
         self._pending[readings] += of_slots.encode()
-        self._pending[table] += (names.moment(event.time_s - event.late_s, self._epoch_us) + of_frame).encode()
+        self._pending[table] += (names.moment(event.time_s - event.late_s, self._date_us) + of_frame).encode()
         self._flush_now_and_then(full=len(self._pending[readings]) > _BATCH_BYTES)
 
     def _on_packets(self, event: PacketsReceived) -> None:
