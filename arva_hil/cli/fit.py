@@ -18,6 +18,11 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError("--out is missing: name the profile to write, e.g. --out my_receiver.yaml")
     if options.scenario_out and os.path.realpath(options.scenario_out) == os.path.realpath(options.out):
         raise UsageError(f"--out and --scenario-out are both {options.out}: name two files")
+    if options.out == "-" and options.scenario_out:
+        raise UsageError("--scenario-out: the scenario names the file of the profile: name one with --out")
+    on_stdout = "-" in (options.out, options.scenario_out)
+    if on_stdout and options.json:
+        raise UsageError("--json and the file both go to stdout: choose one")
     with needing("fit", "fit"):
         import scipy  # noqa: F401 (before seconds of reading)
 
@@ -35,7 +40,10 @@ def main(options: argparse.Namespace) -> int:
     if options.scenario_out:
         site = Path(options.scenario_out)
         write(site, profile.scenario(found, os.path.relpath(out, site.parent)).encode(), *records)
-    show_one(found.as_json(), *lines(found), as_json=options.json)
+    if on_stdout:
+        tell(*lines(found))
+    else:
+        show_one(found.as_json(), *lines(found), as_json=options.json)
     tell(*(f"warning: {doubt}" for doubt in found.doubts))
     return FAILED if found.doubts else OK
 

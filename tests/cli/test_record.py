@@ -20,6 +20,7 @@ from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.records.fitting import ReceiverFit, fit
 from arva_hil.records.reading import load
 from firmware_proto import Decoder, Frame
 from firmware_proto.nmea import encode_nmea
@@ -389,7 +390,11 @@ def test_the_emulator_is_recorded_as_if_it_were_a_receiver(arva: Arva, start: St
     assert abs(said["all"]["ratio"] - 1) < 0.05
 
 
-def test_a_fit_of_one_flight_agrees_with_a_second_one(arva: Arva, tmp_path: Path) -> None:
+def test_a_fit_of_one_flight_agrees_with_a_second_one(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, found = fit.fit, list[ReceiverFit]()
+    monkeypatch.setattr(fit, "fit", lambda *how: (found or found.append(real(*how)) or found)[0])
     chosen, truth = drawn(7)
     chosen = replace(chosen, navigation_error=None)
     first = rehearse(tmp_path / "first", chosen, SHORT[:9], latency_s=truth["latency"])
@@ -399,6 +404,10 @@ def test_a_fit_of_one_flight_agrees_with_a_second_one(arva: Arva, tmp_path: Path
     out = arva("fit", first, "--model", "paper", *words).out
     says(out, "kappa_eq", "95 % interval")
     arva("check", tmp_path / "my_receiver.yaml", site)
+    ended = arva("fit", first, "--out", "-")
+    assert (ended.out, out in ended.err) == ((tmp_path / "my_receiver.yaml").read_text(), True)
+    says(arva.refused("fit", first, "--out", "-", "--json"), "--json and the file both go to stdout: choose one")
+    says(arva.refused("fit", first, "--out", "-", "--scenario-out", site), "the scenario names the file of the profile")
     out = arva("compare", second, "--scenario", site, "--json").out
     said = json.loads(out)
     assert abs(said["all"]["ratio"] - 1) < 0.01

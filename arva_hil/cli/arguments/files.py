@@ -56,7 +56,7 @@ def fit(parser: CommandParser) -> None:
             default="paper",
             choices=("paper", "pulsed", "rssi"),
         ),
-        option("--out PROFILE.yaml", "profile to write", environment=False),
+        option("--out PROFILE.yaml", "profile to write; - is stdout", environment=False),
         option("--scenario-out FILE", "also write a scenario with the transmitters", environment=False),
         option("--gps-sigma M", "standard deviation of the reported position on each axis", number(0, 20), 1.5),
         option("--gps-tau S", "correlation time of its error", number(1, 10_000, " of s"), 60.0),
