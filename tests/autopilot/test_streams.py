@@ -287,6 +287,12 @@ def test_after_a_reboot_all_is_asked_for_again() -> None:
     assert list(map(type, bench.events)) == [VehicleFound, VehicleRebooted]
 
 
+def test_what_has_waited_during_a_stall_is_not_taken_for_a_rate() -> None:
+    bench = Stepped(SimulatedVehicle(HOME)).run(5)
+    bench.now += 7.0
+    assert bench.run(0.5).rates() == pytest.approx((50, 50), rel=0.1)
+
+
 def test_home_is_asked_for_until_it_is_known_by_two_commands_in_turn() -> None:
     bench = Stepped(SimulatedVehicle(HOME, fix_after=20.0)).run(19.9)
     asked = bench.asked()

@@ -15,6 +15,7 @@ from arva_hil.mavlink.codec import RESULTS, command, dialect
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # judge a rate after this time
 _SILENT_S: Final = 0.3  # judge a rate after this time if nothing came
+_BACKLOG_S: Final = 0.1  # messages that come this soon after a silence had been waiting
 _LOOK_S: Final = 0.2  # between two checks of a stream that is fast enough, at least
 _MOST_SEEN: Final = 4096  # 2 kHz
 _ENOUGH: Final = 0.7  # of the rate requested; a slower stream is requested again
@@ -130,7 +131,8 @@ class Streams:
 
     def on_message(self, msgid: int, now: float) -> None:
         """Count a message of a stream."""
-        self._seen[msgid].append(now)
+        if now >= self._since:
+            self._seen[msgid].append(now)
 
     def rates(self, now: float) -> dict[str, float]:
         """Return measured rates [Hz] by message name."""
@@ -138,7 +140,7 @@ class Streams:
 
     def renew(self, now: float) -> None:
         """Request all streams again, with the commands that worked: the vehicle may have forgotten them."""
-        self._since = now
+        self._since = now + _BACKLOG_S
         self._pending, self.next_check = None, 0.0
         self._home = HomeRequests(now)
         for stream in self._all:
