@@ -187,11 +187,11 @@ class Live:
         self._do_due(clock.now())
 
     def counts(self) -> dict[str, int]:
-        """Return for each link the number of losses, of returns, and of reads from strangers."""
+        """Return for each link the number of losses, of returns, of reads from strangers, and of dropped writes."""
         return {
             f"{name}_link_{what}": getattr(link, what)
             for name, link in self.sinks.items()
-            for what in ("losses", "returns", "strangers")
+            for what in ("losses", "returns", "strangers", "dropped")
         }
 
     def _read(self, name: str, clock: Clock, patience: float) -> bool:
