@@ -86,7 +86,8 @@ class CommandParser(argparse.ArgumentParser):
         if "const" in more:
             more["nargs"] = "?"
         if len(flags) < len(words):
-            more["metavar"], more["type"] = words[-1], convert or name
+            usual = folder if words[-1].startswith("DIR") else name
+            more["metavar"], more["type"] = words[-1], convert or usual
         elif not more.keys() & {"choices", "action"}:
             more["action"], default = "store_true", False
         if "default" not in help and isinstance(default, int | float | str) and "action" not in more:
@@ -225,6 +226,13 @@ def name(text: str) -> str:
     if not text:
         raise ValueError("'' is empty: write a value, or leave the option out")
     return text
+
+
+def folder(text: str) -> str:
+    """Convert the name of a folder to write; `-` is that of stdout in other commands."""
+    if text == "-":
+        raise ValueError("'-': stdout is no folder: name one")
+    return name(text)
 
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
