@@ -174,7 +174,7 @@ def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
     (drone,), code, log = flown.loop.drones, flown.code, flown.log
     assert log is not None
     outcome = _outcome(drone, code)
-    if drone.search.outcome and outcome.kind != "found":
+    if outcome.kind != "found":
         code = code or FAILED
     lines = result(outcome) + _errors(drone, flown.clock.now())
     if outcome.found and not options.gps_noise:

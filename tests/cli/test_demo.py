@@ -218,7 +218,7 @@ def test_its_searches_know_where_the_scenario_has_mounted_the_receiver(
     monkeypatch.setattr(command, "run", lambda *_, **__: None)
     near = scenario(tmp_path, (1, 6.0, 3.0))
     near.write_text(near.read_text() + "receiver: {mount: {position: [0.3, 0, 0.1]}}\n")
-    arva(*MAX, "--scenario", near, *drones, *words, code=(0, 1))
+    arva(*MAX, "--scenario", near, *drones, *words, code=1)
     assert [plan.mount.pose((0, 0, 0), (1, 0, 0, 0))[0].tolist() for plan in plans] == [place] * (2 if drones else 1)
 
 
