@@ -14,7 +14,7 @@ from typing import Final
 
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
-from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
+from arva_hil.cli.search_plan import check_receivers, check_width, plan_of, tell_ropes
 from arva_hil.cli.search_report import close_log, result
 from arva_hil.cli.search_report import name as name_of
 from arva_hil.cli.terminal import tell
@@ -93,6 +93,7 @@ class Flown:
 
 def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
     plan = plan_of(options, chosen)  # before the record: a demo that cannot begin leaves none
+    tell_ropes(chosen)
     if not team and not options.record:
         stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(RealClock().epoch_us))
         options.record = tempfile.mkdtemp(prefix=f"arva-demo-{stamp}-")

@@ -100,6 +100,16 @@ def check_receivers(base: Scenario) -> None:
             raise UsageError(f"format {of}: several drones need {' or '.join(usable)}, whose frames carry ids")
 
 
+def tell_ropes(base: Scenario) -> None:
+    """Warn if a receiver hangs on a rope: a search takes it to be at the rope's upper end."""
+    every = [one.receiver for vehicle in base.vehicles for one in vehicle.receivers] or [base.receiver]
+    if longest := max((one.mount.sling.length_m for one in every if one.mount.sling), default=0.0):
+        tell(
+            f"warning: {base.source}: a receiver hangs on a rope, which the search does not know: "
+            f"places are up to {longest:g} m too high"
+        )
+
+
 def check_width(options: argparse.Namespace, count: int) -> None:
     """Check that the parts of the area are wide enough. Raises UsageError."""
     _, west, _, east = divide(options.area, count)[0]
@@ -205,6 +215,7 @@ def _team(
     if 0 in systems:
         raise UsageError(f"{source}: {vehicles[systems.index(0)].name}: its system is missing")
     check_receivers(scenario)
+    tell_ropes(scenario)
     check_width(options, len(vehicles))
     datum = scenario.datum
     return vehicles, TeamField(options.area, LocalFrame(datum.lat, datum.lon, datum.alt), len(vehicles)), systems

@@ -217,8 +217,10 @@ def test_its_searches_know_where_the_scenario_has_mounted_the_receiver(
     monkeypatch.setattr(closed_loop, "SearchClient", client)
     monkeypatch.setattr(command, "run", lambda *_, **__: None)
     near = scenario(tmp_path, (1, 6.0, 3.0))
-    near.write_text(near.read_text() + "receiver: {mount: {position: [0.3, 0, 0.1]}}\n")
-    arva(*MAX, "--scenario", near, *drones, *words, code=1)
+    mount = "{position: [0.3, 0, 0.1], sling: {length_m: 6}}"
+    near.write_text(f"spec: 2\n{near.read_text()}receiver: {{mount: {mount}}}\n")
+    err = arva(*MAX, "--scenario", near, *drones, *words, code=1).err
+    assert "a receiver hangs on a rope, which the search does not know: places are up to 6 m too high" in err
     assert [plan.mount.pose((0, 0, 0), (1, 0, 0, 0))[0].tolist() for plan in plans] == [place] * (2 if drones else 1)
 
 

@@ -497,8 +497,11 @@ def test_each_drone_knows_where_the_scenario_has_mounted_its_receiver(
             raise UsageError("enough")
 
     monkeypatch.setattr(search, "SearchClient", client)
-    field.write_text(field.read_text().replace("none-a'", "none-a', mount: {position: [0.3, 0, 0.1]}"))
-    arva("search", "--scenario", field, "--autopilot", "pty", *words, code=2)
+    field.write_text(
+        field.read_text().replace("none-a'", "none-a', mount: {position: [0.3, 0, 0.1], sling: {length_m: 6}}")
+    )
+    err = arva("search", "--scenario", field, "--autopilot", "pty", *words, code=2).err
+    assert "a receiver hangs on a rope, which the search does not know: places are up to 6 m too high" in err
     assert [plan.mount.pose((0, 0, 0), (1, 0, 0, 0))[0].tolist() for plan in plans] == list(places)
 
 
