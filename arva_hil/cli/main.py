@@ -158,6 +158,8 @@ def _guarded(arguments: list[str]) -> int:
 def _command(arguments: list[str]) -> Callable[[], int | None]:
     """Return the command that the arguments name, imported, with its options."""
     arguments = ["--help" if argument in ("-help", "-?", "/?") else argument for argument in arguments]
+    if arguments[:1] == ["help"] and len(arguments) > 1:
+        arguments = [arguments[1], "--help"]
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
         return _show_help
     if arguments[:1] == ["--version"]:

@@ -48,6 +48,11 @@ def test_help_has_80_columns_and_whole_words(arva: Arva, command: tuple[str, ...
     assert not re.search(r"\w-$", out, re.MULTILINE), "a word is broken at its hyphen"
 
 
+def test_help_before_a_command_is_that_of_the_command(arva: Arva) -> None:
+    assert arva("help", "plot").out == arva("plot", "--help").out
+    assert "no command 'plt'; did you mean plot?" in arva.refused("help", "plt")
+
+
 def options_in(text: str) -> list[str]:
     """The options that a help explains."""
     return re.findall(r"^  (?:-\w.*, )?(--[a-z-]+)", text, re.MULTILINE)
