@@ -111,7 +111,7 @@ def test_readings_that_are_late_are_put_where_they_were_made() -> None:
 
 
 def test_a_position_that_drifts_is_averaged_above_the_transmitter() -> None:
-    scenario = replace(draw(Random(15.0, (0.0, 2.0)), 180), seed=180)
+    scenario = replace(draw(Random(5.0, (0.0, 2.0)), 180), seed=180)
     result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
     assert result.outcome == "found"
     assert result.error_m < 2.0
