@@ -649,6 +649,16 @@ def test_on_a_slower_link_it_is_not_taken_over(make: Callable[..., Any]) -> None
     assert world.orders() == []
 
 
+def test_on_a_slower_link_the_mode_that_was_reported_last_is_named() -> None:
+    """It was in GUIDED already. The report of the pilot's mode does not count as news, but nothing hovers in GUIDED."""
+    world = taking_over(airborne(ardupilot, mode=Mode.GUIDED))
+    delay(world, 0.6)
+    world.reach("flying")
+    world.pilot(Mode.RTL)
+    assert world.fail() == "the mode is RTL: the pilot or a failsafe has taken over"
+    assert world.orders() == []
+
+
 @pytest.mark.parametrize("stick_s", [0.7, None])
 def test_an_order_that_is_in_transmission_is_undone(stick_s: float | None) -> None:
     """The pilot moves a stick, or the person stops the search, before the vehicle's new mode has arrived here."""

@@ -250,10 +250,16 @@ class FlightState:
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M
         if self._taken is None and (self.authority.usurped or (risen and not in_mode)):
             self._taken = self._set_points.stalled_s(now) if self._modes.px4 else 0.0
-        if self._taken is not None and self.authority.settled:
-            self._lose(because(Why.MODE_TAKEN, mode=self._mode, stalled_s=self._taken), handed_over=True)
-        elif self.phase is Phase.YIELDING and in_mode:
+        if self.authority.settled and self._lose_to_other():
+            return
+        if self.phase is Phase.YIELDING and in_mode:
             self._lose(because(Why.PILOT_HAS_IT, mode=self._mode), handed_over=True)
+
+    def _lose_to_other(self) -> bool:
+        """End if a mode was reported that this program did not request. Returns False if none was."""
+        if self._taken is not None:
+            self._lose(because(Why.MODE_TAKEN, mode=self._mode, stalled_s=self._taken), handed_over=True)
+        return self._taken is not None
 
     @property
     def _mode(self) -> str:
@@ -372,7 +378,7 @@ class Commander(FlightState):
         if self.authority.silent(now):
             late_s = 0.0 if self.authority.settled else authority.ANSWER_S
             why = because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S, late_s=late_s)
-            if not self._leave_alone(now, why):
+            if not self._leave_alone(now, why) and not self._lose_to_other():
                 self._lose(why)
         elif not self.authority.settled:
             pass  # find out first who controls the vehicle
