@@ -27,6 +27,7 @@ PARAMETERS: dict[str, float] = {
     "NAV_RCL_ACT": 2,
     "NAV_DLL_ACT": 0,
     "COM_RC_OVERRIDE": 1,
+    "RC_RSSI_PWM_CHAN": 0,
     "GF_ACTION": 2,
     "GF_MAX_HOR_DIST": 0.0,
     "GF_MAX_VER_DIST": 0.0,

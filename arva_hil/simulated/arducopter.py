@@ -45,6 +45,8 @@ _VALUES: Final = {
     "FS_OPTIONS": 16,
     "GUID_TIMEOUT": 3,
     "RCMAP_THROTTLE": 3,
+    "RSSI_TYPE": 0,
+    "RSSI_CHANNEL": 0,
     **_FENCE,
 }
 _NAMES: Final = list(_VALUES)

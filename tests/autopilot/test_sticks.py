@@ -117,7 +117,7 @@ def test_these_axes_are_no_pilot(rest: tuple[int, ...] | None, axes: Iterable[tu
         [AT_REST, (1560, 1440, 1560, 1440, 1010, 1490)],  # jitter
         [AT_REST, AT_REST[:4], AT_REST],  # channels that go and come
         [AT_REST, (1500, 1500, 900, 1500, 2000, 2000), AT_REST],  # one that is lost: by FS_THR_VALUE
-        [AT_REST, *((*AT_REST[:5], 1500 + 40 * n) for n in range(1, 10))],  # a knob, or the quality of the link
+        [AT_REST, *((*AT_REST[:5], 1500 + 40 * n) for n in range(1, 10))],  # a knob
         [(1300, 1700, 1000, 1500, 2000, 1000)] * 2,  # not in the middle from the start
         [(0,) * 6, (0,) * 6, (1510, 1490, 1000, 1500, 2000, 1000)],  # a radio that is switched on in flight
         [AT_REST, (0, 0, 0, 0), (0xFFFF,) * 4, AT_REST],  # no pulses
@@ -133,6 +133,13 @@ def test_a_low_throttle_hides_no_stick_unless_the_radio_is_lost() -> None:
     sticks.lost_us = 910
     assert moved(sticks, radio(1900, 1500, 905)) == ""
     assert moved(sticks, radio(1900, 1500, 930)).endswith("a stick (channel 1, by 400 µs)")
+
+
+def test_a_dip_of_the_radios_quality_is_no_switch() -> None:
+    sticks = resting(radio(*AT_REST[:5], 1900))
+    sticks.quality = 6
+    assert moved(sticks, changed(6, 1600)) == ""
+    assert moved(sticks, changed(5, 1300)).endswith("a switch (channel 5, by 300 µs)")
 
 
 def test_a_radio_that_px4_has_lost_moves_no_stick() -> None:

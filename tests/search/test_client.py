@@ -655,12 +655,14 @@ def test_after_an_absence_the_parameters_are_asked_for_again(monkeypatch: pytest
     world.pass_s(2)
     world.vehicle.reboot(world.clock.now())
     world.pass_s(2)
-    for name, value in {"FENCE_ENABLE": 1, "FENCE_TYPE": 2, "FENCE_RADIUS": 60, "RCMAP_THROTTLE": 1}.items():
+    radio = {"RCMAP_THROTTLE": 1, "RSSI_TYPE": 2, "RSSI_CHANNEL": 8}
+    for name, value in ({"FENCE_ENABLE": 1, "FENCE_TYPE": 2, "FENCE_RADIUS": 60} | radio).items():
         monkeypatch.setitem(arducopter._VALUES, name, value)
     world.plugs[0].there, world.between, world.port.says = True, bytes, world.frames
     world.reach("arming")
     assert [text for text in world.said if "beyond the vehicle's fence (FENCE_RADIUS 60)" in text]
-    assert world.client._commander.sticks.throttle == 1
+    sticks = world.client._commander.sticks
+    assert (sticks.throttle, sticks.quality) == (1, 8)
 
 
 def test_an_autopilot_whose_link_stays_lost_on_the_ground_is_none() -> None:

@@ -45,7 +45,7 @@ def _valid(pulse: int) -> bool:
 class _Pulses:
     """Remembers the last pulses [µs] of one kind of message, and the rest of each channel; 0: not known.
 
-    A stick counts by its distance from its rest. A switch counts if it jumps: knobs and the quality of a link drift.
+    A stick counts by its distance from its rest. A switch counts if it jumps: knobs drift.
     The first message is not used: PX4 sends a MANUAL_CONTROL when it is asked for them, also without any stick.
     """
 
@@ -93,12 +93,14 @@ class Sticks:
     """Remembers whether a stick or a switch has moved since `mark`.
 
     `moved`: the movement; None without one. `channel`: the one that was moved, from 1. `by_us`: how far, in µs.
-    `throttle`: the number of the throttle's channel. `lost_us`: its pulse is lower if the radio is lost. `remote`: the
-    autopilot has a remote control that works.
+    `throttle`: the number of the throttle's channel. `lost_us`: its pulse is lower if the radio is lost. `quality`: the
+    channel with the radio's quality, which is not moved; 0: none. `remote`: the autopilot has a remote control that
+    works.
     """
 
     def __init__(self) -> None:
         self.throttle = 3
+        self.quality = 0
         self.lost_us = _LOST_US
         self.moved: Reason | None = None
         self.channel = self.by_us = 0
@@ -134,7 +136,7 @@ class Sticks:
         if kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
             self.remote = bool(message.onboard_control_sensors_present & message.onboard_control_sensors_health & _RC)
         elif kind == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
-            pulses = [getattr(message, channel) for channel in _CHANNELS]
+            pulses = [0 if n == self.quality else getattr(message, name) for n, name in enumerate(_CHANNELS, 1)]
             if not self._usable or any(0 < us < self.lost_us for us in pulses[self.throttle - 1 : self.throttle]):
                 pulses = [0] * len(pulses)
             self._radio_s = now

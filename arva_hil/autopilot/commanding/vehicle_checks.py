@@ -19,8 +19,15 @@ from arva_hil.mavlink.codec import command, dialect
 
 _AGAIN_S: Final = 0.5
 _TRIES: Final = 4
-_ARDUPILOT: Final = ("FS_THR_ENABLE", "FS_THR_VALUE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE")
-_PX4: Final = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T", "NAV_RCL_ACT", "NAV_DLL_ACT", "COM_RC_OVERRIDE")
+_ARDUPILOT: Final = (
+    *("FS_THR_ENABLE", "FS_THR_VALUE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE"),
+    *("RSSI_TYPE", "RSSI_CHANNEL"),
+)
+_PX4: Final = (
+    *("COM_OBL_RC_ACT", "COM_OF_LOSS_T", "NAV_RCL_ACT", "NAV_DLL_ACT", "COM_RC_OVERRIDE"),
+    "RC_RSSI_PWM_CHAN",
+)
+_BY_CHANNEL: Final = 2  # RSSI_TYPE: the quality of the radio is the pulse of a channel
 _FENCE: Final = {  # by: the autopilot is PX4
     False: (
         *("FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE"),
@@ -92,6 +99,12 @@ class Failsafes:
         if self.px4 and not int(sticks or 0) & _IN_AUTO:
             found.append(("COM_RC_OVERRIDE", sticks, "sticks ignored"))
         return found
+
+
+def quality_channel(values: Mapping[str, float]) -> int:
+    """Return the channel with the quality of the radio by the parameters that the autopilot reported; 0: none."""
+    ardupilot = values.get("RSSI_CHANNEL", 0) if values.get("RSSI_TYPE") == _BY_CHANNEL else 0
+    return int(values.get("RC_RSSI_PWM_CHAN", ardupilot))
 
 
 class FenceLimit(NamedTuple):

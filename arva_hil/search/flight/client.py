@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from arva_hil.autopilot.commanding.commander import Commander, Phase
+from arva_hil.autopilot.commanding.vehicle_checks import quality_channel
 from arva_hil.autopilot.following.session import Session
 from arva_hil.clock import Clock
 from arva_hil.events import Event, PacketsReceived
@@ -241,6 +242,7 @@ class SearchClient:
         self._line.pin()
         sticks, values = self._commander.sticks, self._preflight.failsafes.values
         sticks.throttle = int(values.get("RCMAP_THROTTLE", sticks.throttle))
+        sticks.quality = quality_channel(values)
         sticks.lost_us = values.get("FS_THR_VALUE", sticks.lost_us) if values.get("FS_THR_ENABLE", 1) else 0.0
         self._events.append(Launched(now, str(self._session.vehicle), self._flight.plan.take_over))
 
