@@ -56,6 +56,7 @@ Why = Enum(
         "IN_MODE",  # mode
         "NEAR_HOME",  # height_m, least_m
         "MOVES",  # speed
+        "RANGEFINDER_HIGH",  # measured_m, height_m
         "JUST_STOPPED",
         # A flight ends early.
         "POSE_LOST",  # seconds, lacking: a NoPose

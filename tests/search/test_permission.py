@@ -520,6 +520,21 @@ def test_heights_are_above_home_and_places_from_where_it_hovered() -> None:
     assert world.client.origin.lla([0.0, 0.0, 0.0])[2] == pytest.approx(1650.0, abs=0.1)
 
 
+@pytest.mark.parametrize(("off_m", "north_m", "taken"), [(2, 0, False), (1, 0, True), (5, 3, False), (5, 5, True)])
+def test_a_rangefinder_that_contradicts_the_height_above_home_leads_no_take_over(
+    off_m: int, north_m: float, taken: bool
+) -> None:
+    """It would lead the vehicle to the ground. Far from home the ground may be lower."""
+    world = taking_over(airborne(ardupilot, at=(north_m, 0.0)), height=3.0, timeout_s=4.0)
+    message = dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
+    world.between = changed(message, "current_distance", lambda cm: cm + 100 * off_m)
+    world.until(lambda: world.client.outcome or world.client.launched)
+    assert (world.client.outcome is None) == taken
+    if not taken:
+        why = f"the rangefinder measures {6 + off_m}.0 m, but it is 6.0 m above home"
+        assert world.fail() == f"the vehicle is not taken over: {why}"
+
+
 @BOTH
 def test_without_a_rangefinder_it_searches_no_lower_than_it_hovered(make: Callable[..., Any]) -> None:
     """The ground there may be higher than home, here by 5 m."""

@@ -267,6 +267,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.NOT_ARMED: "it is not armed",
     Why.IN_MODE: "it is in {mode}",
     Why.NEAR_HOME: "it is {height_m:.1f} m above home, less than {least_m:g} m",
+    Why.RANGEFINDER_HIGH: "the rangefinder measures {measured_m:.1f} m, but it is {height_m:.1f} m above home",
     Why.MOVES: "it moves at {speed:.1f} m/s",
     Why.JUST_STOPPED: "it has just come to a halt",
     Why.POSE_LOST: lambda seconds, lacking: f"no pose for {seconds:g} s: {no_pose(lacking)}",

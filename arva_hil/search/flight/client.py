@@ -92,9 +92,9 @@ class SearchClient:
         self._line = AutopilotLink(autopilot, others, start, on_bytes=self._on_bytes, on_gap=self._on_gap)
         self._receiver = ReceiverLink(receiver, decoder, emit_later, host)
         self._commander = Commander(session, emit_later, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
-        needed = autopilot, self._receiver, self._commander, permission
-        self._preflight = Preflight(plan, session, *needed, start=start, emit=emit_later)
         ground = Ground(session, plan, emit_later)
+        needed = autopilot, self._receiver, self._commander, permission, ground
+        self._preflight = Preflight(plan, session, *needed, start=start, emit=emit_later)
         setup = FlightSetup(plan, session, ground, start, emit_later, log, team, self._receiver.host, worker)
         self._flight = Flight(setup, self._commander)
         self._dry_run = DryRun(setup) if plan.dry_run else None

@@ -35,7 +35,7 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.flight.airborne import OLD_S
 from arva_hil.search.flight.links import QUIET_S, ReceiverLink
-from arva_hil.search.mission.ground import LAND_M
+from arva_hil.search.mission.ground import LAND_M, Ground
 from arva_hil.search.mission.outcome import Kind, Refusal
 from arva_hil.search.strategies.plan import SearchPlan
 
@@ -161,27 +161,29 @@ _PARAMETER: Final = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 _STILL_M_S: Final = 0.5
 _STILL_S: Final = 1.0
 _LOWEST_M: Final = 1.0  # above home
+_LOWER_M: Final = 1.5  # the ground may be this much lower than home, plus the distance from there
 
 
 class Hover:
     """The check before a search takes over a vehicle in the air: it hovers, in a mode that no pilot steers.
 
-    Remembers since when it hovers.
+    Remembers since when it hovers. `ground`: has the rangefinder's value, which the height above home must allow.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, ground: Ground) -> None:
         self._session = session
+        self._ground = ground
         self._since = math.inf
 
     def why_not(self, now: float, mode: int) -> Reason | None:
         """Return the reason why it cannot be taken over now, None if it can. Call it a few times a second."""
-        why = self._why_not(mode)
+        why = self._why_not(now, mode)
         self._since = math.inf if why else min(self._since, now)
         if not why and now - self._since < _STILL_S:
             return because(Why.JUST_STOPPED)
         return why
 
-    def _why_not(self, mode: int) -> Reason | None:
+    def _why_not(self, now: float, mode: int) -> Reason | None:
         vehicle, place, home = (
             self._session.vehicle,
             self._session.navigation.track.last_position,
@@ -200,6 +202,10 @@ class Hover:
         height, speed = place.alt - home[2], math.hypot(*place.velocity)
         if height < _LOWEST_M:
             return because(Why.NEAR_HOME, height_m=height, least_m=_LOWEST_M)
+        north, east, _ = offset_m(home, place.place)
+        measured = self._ground.measured(now) or 0.0
+        if measured > height + _LOWER_M + math.hypot(north, east):
+            return because(Why.RANGEFINDER_HIGH, measured_m=measured, height_m=height)
         return because(Why.MOVES, speed=speed) if speed >= _STILL_M_S else None
 
 
@@ -293,6 +299,7 @@ class Preflight:
         receiver: ReceiverLink,
         commander: Commander,
         permission: Permission | None,
+        ground: Ground,
         *,
         start: float,
         emit: Callable[[Event], None],
@@ -306,7 +313,7 @@ class Preflight:
         self._wait = Wait(start, plan.timeout_s, 0.0 if plan.dry_run else plan.countdown_s, emit)
         self._plan = plan
         self._permission = permission
-        self._hover = Hover(session) if plan.take_over else None
+        self._hover = Hover(session, ground) if plan.take_over else None
         self._alone = False  # True if no other program read the receiver at the first check
         self._watch = ModeWatch()
 

@@ -185,6 +185,11 @@ class Ground:
         """Use what the session received at `now`."""
         self._sensors.on_packets(received, now)
 
+    def measured(self, now: float) -> float | None:
+        """Return the rangefinder's value [m], without a check; None without one."""
+        distance = self._sensors.samples(now).distance
+        return distance.metres if distance else None
+
     def height(self, now: float, state: VehicleState, ordered: float = 0.0) -> Height:
         """Return the height for the flight. `state`: NED from the take-off point. `ordered`: velocity down [m/s]."""
         above = -float(state.position[2])
