@@ -72,6 +72,7 @@ Why = Enum(
         "PLACE_JUMPED",  # metres
         # The commander has lost the vehicle, or gives it up.
         "MODE_UNKNOWN",  # seconds, late_s: 0 without a question
+        "ANSWERS_LATE",  # seconds
         "NO_RADIO",
         "NOT_DONE",  # phase, because
         "NO_EXPLANATION",

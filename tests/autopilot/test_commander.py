@@ -254,6 +254,13 @@ class Told:
         encoder = self._encoders.setdefault(source, Encoder(*source))
         self.commander.on_packets(self.session.feed(encoder.pack(message), self.now), self.now)
 
+    def launch(self) -> None:
+        """Launch it, and answer its first question."""
+        self.commander.launch(self.now)
+        (question,) = self._parser.feed(self.commander.poll(self.now))
+        self.commander.sent(self.now)
+        self.say(dialect.MAVLink_timesync_message(1, decode(question).ts1))
+
     def beat(self, mode: int, *, armed: bool = False, source: tuple[int, int] = (1, 1), autopilot: int = -1) -> Told:
         if source == (1, 1) and autopilot < 0:
             self._state = {"mode": mode, "armed": armed}
@@ -280,6 +287,7 @@ class Told:
             if not self.silent:
                 self.beat(**self._state)
             said += [decode(packet) for packet in self._parser.feed(self.commander.poll(self.now))]
+            said = [message for message in said if message.get_type() != "TIMESYNC"]
             self.commander.sent(self.now)
             if self.now >= end - 1e-9:
                 return said
@@ -301,7 +309,7 @@ class Told:
     def reach(self, phase: Phase) -> None:
         """By what an autopilot says that does as it is told."""
         commander = self.commander
-        commander.launch(self.now)
+        self.launch()
         self.hear()
         self.beat(self.hold)
         self.fly_at(0.0)
@@ -336,7 +344,7 @@ ON = (Phase.ARMING, Phase.CLIMBING, Phase.FLYING, Phase.LANDING, Phase.HOLDING)
 PILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
 
 
-def test_before_the_launch_nothing_is_said() -> None:
+def test_before_the_launch_nothing_is_ordered() -> None:
     told = Told()
     told.commander.steer((1.0, 0.0, 0.0))
     told.commander.land(told.now)
@@ -347,7 +355,7 @@ def test_before_the_launch_nothing_is_said() -> None:
 @PILOTS
 def test_an_acknowledgement_is_not_the_deed(autopilot: int) -> None:
     told = Told(autopilot)
-    told.commander.launch(told.now)
+    told.launch()
     for _ in range(3):
         assert told.commands(1.0)[0] == (SET_MODE, 1)
         told.ack(SET_MODE, ACCEPTED)
@@ -377,7 +385,7 @@ def test_an_acknowledgement_is_not_the_deed(autopilot: int) -> None:
 
 def test_the_second_acknowledgement_of_px4_is_the_one_that_is_told() -> None:
     told = Told(PX4, arm_timeout_s=5.0)
-    told.commander.launch(told.now)
+    told.launch()
     while told.commander.phase is Phase.ARMING:
         assert ARM not in dict(told.commands(1.0))
         told.ack(SET_MODE, ACCEPTED)
@@ -541,7 +549,7 @@ def test_what_cannot_be_flown_is_not_armed(autopilot: int, kind: int, why: str) 
     commander = Commander(session, session.kept.append, take_off_m=2.0)
     with pytest.raises(ValueError, match=why):
         commander.launch(0.0)
-    assert commander.poll(1.0) == b""
+    assert [packet.msgid for packet in Parser().feed(commander.poll(1.0))] == [dialect.MAVLINK_MSG_ID_TIMESYNC]
 
 
 # -- the pilot has the last word ---------------------------------------------------------------------------
@@ -638,7 +646,7 @@ def test_what_others_say_changes_nothing(phase: Phase) -> None:
 
 def test_somebody_else_arms_it() -> None:
     told = Told()
-    told.commander.launch(told.now)
+    told.launch()
     told.hear()
     assert told.beat(Mode.STABILIZE, armed=True).lost_by == "another program or person has armed it, in STABILIZE"
     assert told.hear(10.0) == []
@@ -685,7 +693,7 @@ def test_on_the_ground_it_is_disarmed(order: Callable[[Commander, float], None])
 
 def test_it_is_disarmed_in_whatever_mode_it_still_is() -> None:
     told = Told(PX4)
-    told.commander.launch(told.now)
+    told.launch()
     told.beat(POSITION)
     told.commander.hold(told.now)
     assert told.commands(0.3) == [(ARM, 0)]
@@ -730,6 +738,6 @@ def test_who_has_the_vehicle_follows_from_the_reports_of_its_mode() -> None:
     authority.doubt(1.0)
     authority.on_mode(4, 1.0, 1.1)
     now_has(Holder.UNKNOWN)  # until the vehicle has answered
-    authority.on_timesync(SimpleNamespace(tc1=1, ts1=authority.question(1.1).ts1))
+    authority.on_timesync(SimpleNamespace(tc1=1, ts1=authority.question(1.1).ts1), 1.1, 1.2)
     authority.on_mode(5, 1.2, 1.3)
     now_has(Holder.OTHER)

@@ -538,6 +538,19 @@ def without(*ids: int) -> Callable[[bytes], bytes]:
     return lambda data: b"".join(packet.raw for packet in parser.feed(data) if packet.msgid not in ids)
 
 
+def delay(world: World, seconds: float) -> None:
+    """What the vehicle says arrives so much later."""
+    under_way: list[tuple[float, bytes]] = []
+
+    def delayed(data: bytes) -> bytes:
+        under_way.append((world.clock.now() + seconds, data))
+        came = [data for at, data in under_way if at <= world.clock.now()]
+        del under_way[: len(came)]
+        return b"".join(came)
+
+    world.between = delayed
+
+
 # -- frames stop in the air --------------------------------------------------------------------------------
 
 

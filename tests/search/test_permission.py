@@ -37,6 +37,7 @@ from tests.search.test_client import (
     World,
     ardupilot,
     changed,
+    delay,
     flown,
     px4,
     silent,
@@ -631,19 +632,6 @@ def test_a_pilot_who_takes_px4_between_two_heartbeats_is_not_overridden(before_s
     assert world.orders() == []
 
 
-def delay(world: World, seconds: float) -> None:
-    """What the vehicle says arrives so much later."""
-    under_way: list[tuple[float, bytes]] = []
-
-    def delayed(data: bytes) -> bytes:
-        under_way.append((world.clock.now() + seconds, data))
-        came = [data for at, data in under_way if at <= world.clock.now()]
-        del under_way[: len(came)]
-        return b"".join(came)
-
-    world.between = delayed
-
-
 @BOTH
 def test_a_slow_link_is_no_ground_below_a_hover(make: Callable[..., Any]) -> None:
     """It is ordered to sink at once, and reported to sink later."""
@@ -655,12 +643,13 @@ def test_a_slow_link_is_no_ground_below_a_hover(make: Callable[..., Any]) -> Non
 
 
 @BOTH
-def test_on_a_slower_link_it_is_not_taken_over(make: Callable[..., Any]) -> None:
+@pytest.mark.parametrize("flies", [True, False])
+def test_on_a_slower_link_it_is_not_taken_over_nor_armed(make: Callable[..., Any], flies: bool) -> None:
     """An order would arrive after a switch of the pilot that is not reported here yet, and override it."""
-    world = taking_over(airborne(make))
+    world = taking_over(airborne(make)) if flies else World(make())
     delay(world, 0.6)
-    late = "the vehicle has not reported its mode for 2.5 s, or not within 0.5 s of a question"
-    assert world.fail() == f"{late}; it was not taken over"
+    slow = "the link is slow: an answer of the vehicle takes more than 0.5 s"
+    assert world.fail() == slow + "; it was not taken over" * flies
     assert world.orders() == []
 
 

@@ -38,6 +38,7 @@ from tests.search.test_client import (
     World,
     ardupilot,
     changed,
+    delay,
     flown,
     hunting,
     modes_said,
@@ -113,8 +114,8 @@ def test_after_a_pause_that_nobody_used_the_search_goes_on() -> None:
     assert not any("no frame" in text for text in world.said)
     assert world.ned == pytest.approx((*VICTIM, 0.0), abs=0.6)
     assert math.dist(before, world.ned) > 1
-    (answered, *_) = [at for at, m in world.told if m.get_type() == "TIMESYNC"]
-    assert goes_on <= answered <= min(at for at, _ in set_points(world) if at >= goes_on)
+    (answered, *_) = [at for at, m in world.told if m.get_type() == "TIMESYNC" and at >= goes_on]
+    assert answered <= min(at for at, _ in set_points(world) if at >= goes_on)
 
 
 @BOTH
@@ -269,6 +270,26 @@ def test_a_switch_just_before_the_search_ends_is_not_overridden(make: Callable[[
     heard = min(at for at, mode in said if at >= switches and mode == wanted)
     assert world.orders(heard + BOUND_MS / 1e3) == []
     assert heard - switches < 0.15
+
+
+@BOTH
+def test_a_link_that_becomes_slow_stops_the_vehicle_and_ends_the_search(make: Callable[[], Any]) -> None:
+    """An order to land would arrive after a switch of the pilot that is not reported here yet, and override it."""
+    world = hunting(make(), take_off=10.0, height=5.0)
+    slow_since = world.clock.now()
+    delay(world, 1.4)
+    assert world.fail(4.0).startswith(f"the link is slow: an answer of the vehicle takes more than 0.5 s; {LEFT}")
+    assert world.vehicle.truth(world.clock.now()).velocity == pytest.approx((0, 0, 0), abs=0.1)
+    assert {type(m).id for m in world.orders(slow_since)} == {dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED}
+
+
+@BOTH
+def test_one_late_answer_ends_nothing(make: Callable[[], Any]) -> None:
+    world = hunting(make(), take_off=10.0, height=5.0)
+    delay(world, 0.8)
+    world.pass_s(1.0)
+    delay(world, 0.1)
+    assert world.end() == ("found", "found")
 
 
 @BOTH

@@ -3,8 +3,9 @@
 `BOUND_MS` is a promise: no order leaves later than that after this computer received a mode that was not ordered. Three
 rules ensure it. The search client reads the link until it is empty before each order. An order that arms or changes the
 mode is sent only immediately after a report of the mode. So a pilot who switches after that report overrides the order,
-except while both are in transmission. After a gap, in which this program did not run, earlier reports do not count: the
-vehicle gets a TIMESYNC with a number of ours, and only reports after its answer are used.
+except while both are in transmission. Twice a second the vehicle gets a TIMESYNC with a number of ours: late answers
+mean a slow link, on which an order could override the pilot. Without an answer at the beginning, and after a gap, in
+which this program did not run, only reports after an answer in time are used.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ _AT_ONCE_S: Final = 0.02  # send an order within this time after a report was re
 _WAITED_S: Final = 0.25  # a report may have waited this long before it was read
 _LATE_S: Final = 1.5  # without a report of the mode for this time, the vehicle stops: its last set-point lasts 3 s
 SILENT_S: Final = 2.5  # without a report of the mode for this time, the authority is unknown
-ANSWER_S: Final = 0.5  # a later answer does not count: while it is on its way, so may be a switch of the pilot
+ANSWER_S: Final = 0.5  # a later answer is late: while it is on its way, so may be a switch of the pilot
+_SLOW_S: Final = 1.0  # after late answers for this time, the link is slow
 
 MODE_WANTED: Final = {dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0, MAVLINK_MSG_ID_CURRENT_MODE: 10.0}
 """The messages that report the mode, and their rates [Hz]. ArduCopter sends the first, PX4 the second."""
@@ -71,9 +73,11 @@ class Authority:
         self._ours: frozenset[int] = frozenset()  # empty: every mode is allowed
         self._news_s = -math.inf  # the last report came after this time
         self._read_s = -math.inf  # the time at which it was read
-        self._since = -math.inf  # start of the wait for a report
-        self._question = 0  # the number of the unanswered TIMESYNC
-        self._next_question = -math.inf
+        self._since = -math.inf  # start of the wait for a report, and for an answer
+        self._doubted = False  # no question since then was answered in time
+        self._secret = secrets.randbits(60)  # the number of a question is higher by its time [µs]
+        self._next_question = self._answered_s = -math.inf
+        self._late_s = math.inf  # the first of the late answers since the last one in time
 
     def want(self, mode: int, *, ours: bool = True) -> None:
         """Request this mode from now on. Without `ours` the vehicle may be in any mode until it is in this one."""
@@ -99,32 +103,38 @@ class Authority:
     def on_mode(self, mode: int, since: float, now: float) -> None:
         """Use a report of the mode, sent after `since` and read at `now`."""
         self.mode = mode
-        if not self._question:
+        if not self._doubted:
             self._news_s, self._read_s = since, now
         if self.in_mode:
             self._ours, self.borrowed = frozenset({mode}), False
 
-    def on_timesync(self, message: Any) -> None:
-        """Use a TIMESYNC of the vehicle."""
-        if self._question and message.tc1 and message.ts1 == self._question:
-            self._question = 0
+    def on_timesync(self, message: Any, since: float, now: float) -> None:
+        """Use a TIMESYNC of the vehicle, received after `since` and read at `now`."""
+        asked_s = (message.ts1 - self._secret) / 1e6
+        if not message.tc1 or not self._since - 1e-6 <= asked_s <= now:
+            return
+        if now - asked_s <= ANSWER_S:
+            self._doubted, self._answered_s, self._late_s = False, now, math.inf
+        elif since - asked_s > ANSWER_S:  # otherwise this program may have been late to read it
+            self._late_s = min(self._late_s, now)
 
     def begin(self, now: float) -> None:
-        """Wait for reports from now on: before the launch no question was sent."""
+        """Wait for reports from now on: a flight begins."""
         self._since = now
+        if now - self._answered_s > _LATE_S:
+            self.doubt(now)
 
     def doubt(self, now: float) -> None:
         """Handle a gap: earlier reports do not count, and no order is sent before a later report."""
-        self._question = secrets.randbits(62) | 1
+        self._doubted = True
         self._next_question = self._since = now
-        self._news_s = -math.inf
+        self._news_s, self._late_s = -math.inf, math.inf
 
     def question(self, now: float) -> Any | None:
         """Return the TIMESYNC to send now, if any. Call `asked` after it was sent."""
-        if not self._question or now < self._next_question:
+        if now < self._next_question:
             return None
-        self._question = secrets.randbits(62) | 1
-        return dialect.MAVLink_timesync_message(0, self._question)
+        return dialect.MAVLink_timesync_message(0, self._secret + int(now * 1e6))
 
     def asked(self, now: float) -> None:
         self._next_question = now + ANSWER_S
@@ -143,12 +153,17 @@ class Authority:
 
     def fresh(self, now: float) -> bool:
         """Return True if the mode was reported just now, so that an order may be sent."""
-        return now - self._read_s <= _AT_ONCE_S and now - self._news_s <= _WAITED_S
+        quick = self._late_s == math.inf
+        return quick and now - self._read_s <= _AT_ONCE_S and now - self._news_s <= _WAITED_S
 
     def late(self, now: float) -> bool:
         """Return True if the next report is late: it may be the pilot's mode, or the last report of all."""
-        return now - max(self._news_s, self._since) > _LATE_S
+        return now - max(self._news_s, self._since) > _LATE_S or self._late_s < math.inf
 
     def silent(self, now: float) -> bool:
-        """Return True if the last report is so old that the authority over the vehicle is unknown."""
-        return now - max(self._news_s, self._since) > SILENT_S
+        """Return True if the authority over the vehicle is unknown: the last report is old, or the link is slow."""
+        return now - max(self._news_s, self._since) > SILENT_S or now - self._late_s > _SLOW_S
+
+    def slow(self, now: float) -> bool:
+        """Return True if the link is too slow: orders could override the pilot."""
+        return now - self._late_s > _SLOW_S

@@ -46,7 +46,7 @@ class Phase(Enum):
 
     @property
     def active(self) -> bool:
-        """True if messages may be sent."""
+        """True if orders may be sent."""
         return self not in _SILENT
 
 
@@ -65,7 +65,7 @@ class PhaseRule(NamedTuple):
 _SILENT: Final = (Phase.IDLE, Phase.ENDED, Phase.LOST)
 _ENDS: Final = (Phase.LANDING, Phase.HOLDING, Phase.YIELDING, Phase.LOST)  # of a vehicle in the air
 PHASES: Final = {
-    Phase.IDLE: PhaseRule("nothing is sent", (Phase.ARMING, Phase.FLYING, Phase.LOST)),
+    Phase.IDLE: PhaseRule("only questions are sent", (Phase.ARMING, Phase.FLYING, Phase.LOST)),
     Phase.ARMING: PhaseRule("the vehicle is armed on the ground", (Phase.CLIMBING, Phase.DISARMING, Phase.LOST)),
     Phase.CLIMBING: PhaseRule("it takes off", (Phase.FLYING, *_ENDS), 30.0, 1.0),
     Phase.FLYING: PhaseRule("it follows velocities", _ENDS, 10.0),
@@ -308,8 +308,7 @@ class Commander(FlightState):
         There must be a vehicle with a pose. Raises ValueError if it cannot be flown by velocities.
         """
         self._modes = modes_of(self._vehicle)
-        self.sticks.mark()
-        self.authority.begin(now)
+        self._begin(now)
         self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
 
     def take_over(self, now: float) -> None:
@@ -323,11 +322,14 @@ class Commander(FlightState):
         if place is None or home is None or self.authority.mode == -1 or not self._turn(now, place):
             raise ValueError("its pose, its home or its mode is not known")
         self.origin = place._replace(alt=home[2])
-        self.sticks.mark()
-        self.authority.doubt(now)
+        self._begin(now)
         self.authority.borrow()
         self._enter(Phase.FLYING, now, self._modes.steer)
         self._times.next_order = now + _FLOWING_S
+
+    def _begin(self, now: float) -> None:
+        self.sticks.mark()
+        self.authority.begin(now)
 
     def steer(self, velocity: tuple[float, float, float]) -> None:
         """Fly with this velocity [m/s, NED] until the next call."""
@@ -354,13 +356,13 @@ class Commander(FlightState):
         self._offered = []
         if self.phase.active:
             self._advance(now)
-        if not self.phase.active:
+        if self.phase in (Phase.ENDED, Phase.LOST):
             return b""
-        question = self.authority.question(now)
-        messages = [question] if question else []
-        if question:
+        messages, question = [], self.authority.question(now)
+        if question and self._session.reachable:
+            messages.append(question)
             self._offered.append(self.authority.asked)
-        if self.authority.holder is Holder.SEARCH and not self._session.doubtful:
+        if self.phase.active and self.authority.holder is Holder.SEARCH and not self._session.doubtful:
             messages += self._due(now)
         return b"".join(map(self._session.encoder.pack, messages))
 
@@ -375,9 +377,11 @@ class Commander(FlightState):
     def _advance(self, now: float) -> None:
         """Change to the next phase if this one has ended, or has taken too long."""
         late, in_mode = now - self._times.since, self.authority.in_mode
-        if self.authority.silent(now):
+        if self.authority.silent(now) and not (self.authority.slow(now) and self.lands_by_itself):
             late_s = 0.0 if self.authority.settled else authority.ANSWER_S
             why = because(Why.MODE_UNKNOWN, seconds=authority.SILENT_S, late_s=late_s)
+            if self.authority.slow(now):
+                why = because(Why.ANSWERS_LATE, seconds=authority.ANSWER_S)
             if not self._leave_alone(now, why) and not self._lose_to_other():
                 self._lose(why)
         elif not self.authority.settled:
@@ -483,7 +487,7 @@ class Commander(FlightState):
             self._watch_mode(now)
 
     def _on_timesync(self, message: Any, now: float) -> None:
-        self.authority.on_timesync(message)
+        self.authority.on_timesync(message, self._read_since, now)
 
     def _on_ack(self, message: Any, now: float) -> None:
         taken = self._session.answers_us(message) and self._complaints.on_ack(message)

@@ -288,6 +288,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     Why.PLACE_JUMPED: "its position has jumped by {metres:.0f} m, or it is another vehicle",
     Why.MODE_UNKNOWN: "the vehicle has not reported its mode for {seconds:g} s"
     "{late_s:, or not within {late_s:g} s of a question|}",
+    Why.ANSWERS_LATE: "the link is slow: an answer of the vehicle takes more than {seconds:g} s",
     Why.NO_RADIO: "the autopilot receives no radio, so the pilot cannot have it",
     Why.NOT_DONE: lambda phase, because: f"the vehicle does not {_TASKS[phase]}: {in_words(because)}",
     Why.NO_EXPLANATION: "it gives no reason",
