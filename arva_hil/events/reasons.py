@@ -83,6 +83,7 @@ Why = Enum(
         "NOT_TAKEN_OVER",
         "MODE_TAKEN",  # mode, stalled_s: without set-points before
         "PILOT_HAS_IT",  # mode
+        "SENT_ELSEWHERE",
         "CHANNEL_MOVED",  # channel, by_us
         "AXIS_MOVED",  # axis, by_us
         "BATTERY_LOW",

@@ -93,6 +93,11 @@ class SimulatedAutopilot:
         self.taking_off = True
         return True
 
+    @property
+    def target(self) -> Vector | None:
+        """The place to which a set-point sends it, NED from home [m]; None without one."""
+        return self._set_point.position if self.mode == Mode.GUIDED and not self.taking_off else None
+
     def steer(self, set_point: SetPoint) -> None:
         """Follow a set-point: a velocity for 3 s, a position without limit. As in ArduCopter this ends a take-off."""
         self._set_point = set_point

@@ -146,6 +146,17 @@ def _extended_sys_state(r: VehicleReport) -> Message:
     return dialect.MAVLink_extended_sys_state_message(0, state)
 
 
+def _position_target(r: VehicleReport) -> Message | None:
+    """Return the target of a set-point with a position; ArduCopter sends none otherwise."""
+    if (target := r.pilot.target) is None:
+        return None
+    lat, lon, alt = r.home.lla(target)
+    frame, only_position = dialect.MAV_FRAME_GLOBAL, 0xDF8
+    return dialect.MAVLink_position_target_global_int_message(
+        r.boot_ms, frame, only_position, round(lat * 1e7), round(lon * 1e7), alt, *_NOTHING, *_NOTHING, 0.0, 0.0
+    )
+
+
 def _vfr_hud(r: VehicleReport) -> Message:
     """Return VFR_HUD: half throttle in a hover, more in a climb."""
     north, east, down = r.motion.velocity
@@ -216,4 +227,5 @@ BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
         r.boot_ms, 4, *r.pilot.sticks, *[0xFFFF] * 14, 255
     ),  # 14 channels are not used
     dialect.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: _position_target,
 }

@@ -292,6 +292,20 @@ def test_one_late_answer_ends_nothing(make: Callable[[], Any]) -> None:
     assert world.end() == ("found", "found")
 
 
+def test_a_ground_station_that_sends_it_to_a_place_in_guided_gets_it() -> None:
+    """The search would override it with its next set-point, and no mode changes."""
+    world = hunting(ardupilot())
+    there = dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xDF8, -9, 0, -5, *[0] * 8)
+    for _ in range(2):  # a person tries again
+        world.others.write(Encoder(255, 190).pack(there))
+        world.pass_s(1.03)
+    sent = "a ground station or another program has sent the vehicle to a place; send it there again"
+    assert world.end() == ("failed", sent)
+    world.others.write(Encoder(255, 190).pack(there))
+    world.stay_silent(10, since=world.clock.now())
+    assert world.ned == pytest.approx((-9, 0, -5), abs=0.5)
+
+
 @BOTH
 def test_orders_answer_news_of_the_mode(make: Callable[[], Any]) -> None:
     """So a pilot's switch after the news comes after the order too, and is not overridden."""

@@ -140,6 +140,8 @@ class PhaseTimes:
     """The time of its next order."""
     ordered_s: float = math.inf
     """The time at which its first order was sent."""
+    target_s: float = -math.inf
+    """The last report of a place to which the vehicle flies."""
 
 
 class FlightState:
@@ -273,6 +275,8 @@ _TAKE_OFF_AGAIN_S: Final = 5.0  # repeat an acknowledged take-off if the vehicle
 _FLOWING_S: Final = 1.0  # send set-points this long before PX4 gets the order to follow them
 _STOPPED_S: Final = 0.5  # send set-points with velocity 0 this long before the last one
 _OWN_MODE_S: Final = 0.3  # after a stick: ArduPilot reads a mode switch after 0.2 s, and reports its mode at 10 Hz
+_TARGET_WANTED: Final = {dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: 10.0}
+_NEW_TARGET_S: Final = 1.0
 _PX4_YIELDS_S: Final = 5.0  # limit for the change to Hold, which waits for no throttle
 _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
@@ -330,6 +334,8 @@ class Commander(FlightState):
     def _begin(self, now: float) -> None:
         self.sticks.mark()
         self.authority.begin(now)
+        if not self._modes.px4:  # it changes its mode when it is sent to a place
+            self._session.streams.want(_TARGET_WANTED)
 
     def steer(self, velocity: tuple[float, float, float]) -> None:
         """Fly with this velocity [m/s, NED] until the next call."""
@@ -489,6 +495,16 @@ class Commander(FlightState):
     def _on_timesync(self, message: Any, now: float) -> None:
         self.authority.on_timesync(message, self._read_since, now)
 
+    def _on_target(self, message: Any, now: float) -> None:
+        """ArduPilot reports a target in GUIDED only while a place was ordered, not a velocity.
+
+        One just after the beginning may be older than the first velocity.
+        """
+        new = now - max(self._times.target_s, self._times.since) > _NEW_TARGET_S
+        self._times.target_s = now
+        if new and self.phase is Phase.FLYING and self.authority.in_mode and not self._modes.px4:
+            self._lose(because(Why.SENT_ELSEWHERE), handed_over=True)
+
     def _on_ack(self, message: Any, now: float) -> None:
         taken = self._session.answers_us(message) and self._complaints.on_ack(message)
         if taken and self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
@@ -539,6 +555,7 @@ _HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: Commander._on_heartbeat,
     MAVLINK_MSG_ID_CURRENT_MODE: Commander._on_current_mode,
     dialect.MAVLINK_MSG_ID_TIMESYNC: Commander._on_timesync,
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: Commander._on_target,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK: Commander._on_ack,
     dialect.MAVLINK_MSG_ID_STATUSTEXT: Commander._on_text,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: Commander._on_status,

@@ -301,6 +301,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
     "{stalled_s: (this program was delayed, and sent no set-point for {stalled_s:.1f} s before: PX4 leaves OFFBOARD "
     "after COM_OF_LOSS_T)|}",
     Why.PILOT_HAS_IT: "the pilot has it, in {mode}",
+    Why.SENT_ELSEWHERE: "a ground station or another program has sent the vehicle to a place; send it there again",
     Why.CHANNEL_MOVED: lambda channel, by_us: (
         f"the pilot has moved a {'stick' if channel <= STICKS else 'switch'} (channel {channel}, by {by_us} µs)"
     ),
