@@ -107,7 +107,7 @@ def run_live(
         emulator = Emulator(
             vehicles, start=start, timeout_s=min(timeout_s, duration_s), max_age_s=max_age_s, spread=True
         )
-        live = drivers.Live(emulator, autopilots, ports, Audience([watcher]))
+        live = stack.enter_context(closing(drivers.Live(emulator, autopilots, ports, Audience([watcher]))))
         run([live], clock, until=start + duration_s, stopped=lambda: watcher.over or stopped())
         live.finish(clock)
     watcher.finish(", ".join(sides.autopilots.values()))

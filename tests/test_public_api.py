@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import doctest
+import gc
 import importlib
 import inspect
 import math
+import os
 import pkgutil
 import subprocess
 import sys
@@ -248,6 +250,21 @@ def test_what_a_caller_s_function_raises_ends_a_replay_and_a_live_run() -> None:
     finally:
         line.close()
         port.close()
+
+
+def test_a_live_run_leaves_no_descriptor_open() -> None:
+    """Without waiting for the garbage collector: a program may make many runs."""
+    with closing(PtyLink()) as line, closing(PtyLink()) as port:
+        gc.collect()
+        gc.disable()
+        try:
+            before = len(os.listdir("/dev/fd"))
+            for _ in range(3):
+                with pytest.raises(arva_hil.LinkError, match="no byte came"):
+                    arva_hil.run_live(_scenario(), autopilot=line.path, port=port.path, timeout_s=0.01)
+            assert len(os.listdir("/dev/fd")) == before
+        finally:
+            gc.enable()
 
 
 def test_a_live_run_serves_every_vehicle_of_a_scenario() -> None:

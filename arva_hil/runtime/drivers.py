@@ -55,6 +55,11 @@ class ReadyLinks:
         self._links = {other: link for other, link in self._links.items() if other != name}
         self.renew()
 
+    def close(self) -> None:
+        """Give the descriptor back. The links stay open."""
+        self._selector.close()
+        self.waitables = ()
+
     def fileno(self) -> int | None:
         """Return a descriptor that is readable while one of the watched links is."""
         return self._selector.fileno() if hasattr(self._selector, "fileno") else None
@@ -185,6 +190,10 @@ class Live:
     def finish(self, clock: Clock) -> None:
         """Do what is due at the end of a run."""
         self._do_due(clock.now())
+
+    def close(self) -> None:
+        """Give back what belongs to the driver; its links are the caller's."""
+        self._ready.close()
 
     def counts(self) -> dict[str, int]:
         """Return for each link the number of losses, of returns, of reads from strangers, and of dropped writes."""
