@@ -56,14 +56,14 @@ _UNLIKELY: Final = 9.0  # drop a drift that is less likely by e^9
 _DOUBTFUL_S: Final = 90.0  # report the place as it is after this time
 _LONGEST_S: Final = 240.0  # the same after the first hover above a place, without exception
 _REACH_S: Final = 20.0  # and after this time more if the place moves too fast to be reached
-_DRIFT_CAUTION: Final = 2.0  # times the covariance of the place now if a drift is known or likely
+_DRIFT_CAUTION: Final = 1.6  # times the covariance of the place now if a drift is known or likely
 _WANDERS_M: Final = 0.45  # with a larger pose error and no drift, the places wander as no drift that is tried
 _UNEXPLAINED: Final = 1.2  # a larger mean squared error, by the variances, is of an error that is not tried
 _FARTHER_M: Final = 1.0  # sigma added then, and under the largest drift, which may be a larger one
 _REPORT_S: Final = 1.0  # time between two readings that may report a place
-_KNOWN_M: Final = 0.25  # report a place whose sigma is less now
+_KNOWN_M: Final = 0.22  # report a place whose sigma is less now
 _AT_ONCE_M: Final = 0.02  # report it without another circle if its sigma is less than this
-_PATIENCE_S: Final = 120.0  # time from the first hover after which that sigma grows
+_PATIENCE_S: Final = 180.0  # time from the first hover after which that sigma grows
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
