@@ -720,6 +720,15 @@ def test_no_values_of_the_vehicle_make_it_raise(phase: Phase, said: list[tuple[i
         assert told.hear(5.0) == []
 
 
+def test_an_answer_to_another_program_is_no_late_one() -> None:
+    """The vehicle sends its answers on all its links; the numbers of two programs have nothing in common."""
+    authority = Authority()
+    authority.on_timesync(SimpleNamespace(tc1=1, ts1=5), 1.0, 1.0)
+    assert not authority.slow(5.0)
+    authority.on_timesync(SimpleNamespace(tc1=1, ts1=authority.question(2.0).ts1), 3.0, 3.0)
+    assert authority.slow(5.0)
+
+
 def test_who_has_the_vehicle_follows_from_the_reports_of_its_mode() -> None:
     authority, holders = Authority(), [Holder.UNKNOWN]
 

@@ -24,6 +24,7 @@ _WAITED_S: Final = 0.25  # a report may have waited this long before it was read
 _LATE_S: Final = 1.5  # without a report of the mode for this time, the vehicle stops: its last set-point lasts 3 s
 SILENT_S: Final = 2.5  # without a report of the mode for this time, the authority is unknown
 ANSWER_S: Final = 0.5  # a later answer is late: while it is on its way, so may be a switch of the pilot
+_OLDEST_S: Final = 60.0  # of a question that is answered
 _SLOW_S: Final = 1.0  # after late answers for this time, the link is slow
 
 MODE_WANTED: Final = {dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0, MAVLINK_MSG_ID_CURRENT_MODE: 10.0}
@@ -111,7 +112,7 @@ class Authority:
     def on_timesync(self, message: Any, since: float, now: float) -> None:
         """Use a TIMESYNC of the vehicle, received after `since` and read at `now`."""
         asked_s = (message.ts1 - self._secret) / 1e6
-        if not message.tc1 or not self._since - 1e-6 <= asked_s <= now:
+        if not message.tc1 or not max(self._since - 1e-6, now - _OLDEST_S) <= asked_s <= now:  # not a question of ours
             return
         if now - asked_s <= ANSWER_S:
             self._doubted, self._answered_s, self._late_s = False, now, math.inf
