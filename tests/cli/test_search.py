@@ -80,7 +80,7 @@ def orders(autopilot: Autopilot) -> list[int]:
 def nothing_moves(autopilot: Autopilot) -> None:
     """Of all bytes that were sent to it, none moves it."""
     messages = heard(autopilot)
-    assert {m.get_type() for m in messages} <= {"HEARTBEAT", "COMMAND_LONG", "PARAM_REQUEST_READ"}
+    assert {m.get_type() for m in messages} <= {"HEARTBEAT", "COMMAND_LONG", "PARAM_REQUEST_READ", "TIMESYNC"}
     assert {m.command for m in messages if m.get_type() == "COMMAND_LONG"} <= QUESTIONS
     assert messages
 

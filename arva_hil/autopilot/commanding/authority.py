@@ -11,7 +11,7 @@ which this program did not run, only reports after an answer in time are used.
 from __future__ import annotations
 
 import math
-import secrets
+import random
 from enum import Enum, auto
 from typing import Any, Final, NamedTuple
 
@@ -76,7 +76,7 @@ class Authority:
         self._read_s = -math.inf  # the time at which it was read
         self._since = -math.inf  # start of the wait for a report, and for an answer
         self._doubted = False  # no question since then was answered in time
-        self._secret = secrets.randbits(60)  # the number of a question is higher by its time [µs]
+        self._base = 0  # the number of a question is higher by its time [µs]; drawn by the time of the first one
         self._next_question = self._answered_s = -math.inf
         self._late_s = math.inf  # the first of the late answers since the last one in time
 
@@ -111,8 +111,9 @@ class Authority:
 
     def on_timesync(self, message: Any, since: float, now: float) -> None:
         """Use a TIMESYNC of the vehicle, received after `since` and read at `now`."""
-        asked_s = (message.ts1 - self._secret) / 1e6
-        if not message.tc1 or not max(self._since - 1e-6, now - _OLDEST_S) <= asked_s <= now:  # not a question of ours
+        asked_s = (message.ts1 - self._base) / 1e6
+        oldest_s = max(self._since - 1e-6, now - _OLDEST_S)
+        if not (message.tc1 and self._base and oldest_s <= asked_s <= now):  # no answer to a question of ours
             return
         if now - asked_s <= ANSWER_S:
             self._doubted, self._answered_s, self._late_s = False, now, math.inf
@@ -135,7 +136,8 @@ class Authority:
         """Return the TIMESYNC to send now, if any. Call `asked` after it was sent."""
         if now < self._next_question:
             return None
-        return dialect.MAVLink_timesync_message(0, self._secret + int(now * 1e6))
+        self._base = self._base or random.Random(now).getrandbits(60)
+        return dialect.MAVLink_timesync_message(0, self._base + int(now * 1e6))
 
     def asked(self, now: float) -> None:
         self._next_question = now + ANSWER_S
