@@ -140,6 +140,9 @@ def test_a_dip_of_the_radios_quality_is_no_switch() -> None:
     sticks.quality = 6
     assert moved(sticks, changed(6, 1600)) == ""
     assert moved(sticks, changed(5, 1300)).endswith("a switch (channel 5, by 300 µs)")
+    sticks = resting(radio(*AT_REST))
+    sticks.quality = 1  # a wrong parameter: it hides no stick
+    assert moved(sticks, changed(1, 1900)).endswith("a stick (channel 1, by 400 µs)")
 
 
 def test_a_radio_that_px4_has_lost_moves_no_stick() -> None:

@@ -144,8 +144,9 @@ def test_one_line_for_lost_and_one_for_back(bench: Bench) -> None:
         assert of_links[-1].text.startswith(f"{name}: back after 8.")
     counts = {"losses": 1, "returns": 1, "strangers": 0}
     both = {f"{side}_link_{what}": n for side in ("autopilot", "port") for what, n in counts.items()}
-    both["port_link_dropped"] = bench.emulator.counters.dropped
-    assert bench.emulator.counts().items() >= both.items()
+    both |= {f"{name}_link_dropped": link.dropped for name, link in bench.emulator.sinks.items()}
+    assert bench.emulator.counts() == both
+    assert both["port_link_dropped"] == bench.emulator.counters.dropped
     assert sum(link.losses > 0 for link in bench.emulator.sinks.values()) == 2
 
 

@@ -94,7 +94,7 @@ class Sticks:
 
     `moved`: the movement; None without one. `channel`: the one that was moved, from 1. `by_us`: how far, in µs.
     `throttle`: the number of the throttle's channel. `lost_us`: its pulse is lower if the radio is lost. `quality`: the
-    channel with the radio's quality, which is not moved; 0: none. `remote`: the autopilot has a remote control that
+    channel with the radio's quality, which is no switch; 0: none. `remote`: the autopilot has a remote control that
     works.
     """
 
@@ -136,7 +136,7 @@ class Sticks:
         if kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
             self.remote = bool(message.onboard_control_sensors_present & message.onboard_control_sensors_health & _RC)
         elif kind == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
-            pulses = [0 if n == self.quality else getattr(message, name) for n, name in enumerate(_CHANNELS, 1)]
+            pulses = [0 if n == self.quality > _STICKS else getattr(message, one) for n, one in enumerate(_CHANNELS, 1)]
             if not self._usable or any(0 < us < self.lost_us for us in pulses[self.throttle - 1 : self.throttle]):
                 pulses = [0] * len(pulses)
             self._radio_s = now

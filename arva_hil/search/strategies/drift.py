@@ -67,10 +67,13 @@ class ErrorSizes(NamedTuple):
 ANY: Final = tuple(
     ErrorSizes(drift_m, white_m, times_s, receiver, max(receiver, min(1.0, white_m / WHITE_M)), _MOUNT)
     for drift_m, times_s, white_m in (
-        *((0.0, _SLOW_S, white_m) for white_m in (_EXACT_M, 0.01, 0.1)),
+        (0.0, _SLOW_S, _EXACT_M),
+        (0.0, _SLOW_S, 0.01),
+        (0.0, _SLOW_S, 0.1),
         (1.0, _SLOW_S, 0.1),
         (1.0, (10.0, _AT_ONCE_S), 0.1),
-        *((drift_m, (600.0, _AT_ONCE_S), 0.03) for drift_m in (1.0, 2.0)),
+        (1.0, (600.0, _AT_ONCE_S), 0.03),
+        (2.0, (600.0, _AT_ONCE_S), 0.03),
     )
     for receiver in (0.0, 1.0)
     if not receiver or white_m != _EXACT_M
