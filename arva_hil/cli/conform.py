@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import nullcontext
+from typing import BinaryIO
 from xml.etree import ElementTree
 
 from arva_hil.bench.clauses import clauses
@@ -38,29 +40,30 @@ def main(options: argparse.Namespace) -> int:
     if options.only and not options.pty and (needy := [clause.name for clause in chosen if clause.pty]):
         raise UsageError(f"--only {needy[0]}: this clause needs a port: add --pty")
     say = tell if options.junit == "-" else show
-    verdicts = []
-    for clause in chosen:
-        if clause.pty and not options.pty:
-            continue
-        try:
-            verdict = judge(clause, options.command, pty=options.pty, patience_s=options.timeout)
-        except OSError as error:
-            raise UsageError(f"{options.command[0]}: cannot be started: {error.strerror}") from None
-        verdicts.append(verdict)
-        say(f"{'FAIL' if verdict.why else 'ok':<4} {clause.name:<15} {verdict.why or clause.text} ({clause.section})")
-    failed = sum(bool(verdict.why) for verdict in verdicts)
-    say(f"{len(verdicts) - failed} of {len(verdicts)} clauses hold")
-    if options.junit:
-        _write_junit(options.junit, verdicts, failed)
+    with output(options.junit) if options.junit else nullcontext() as out:
+        verdicts = []
+        for clause in chosen:
+            if clause.pty and not options.pty:
+                continue
+            try:
+                verdict = judge(clause, options.command, pty=options.pty, patience_s=options.timeout)
+            except OSError as error:
+                raise UsageError(f"{options.command[0]}: cannot be started: {error.strerror}") from None
+            verdicts.append(verdict)
+            mark = "FAIL" if verdict.why else "ok"
+            say(f"{mark:<4} {clause.name:<15} {verdict.why or clause.text} ({clause.section})")
+        failed = sum(bool(verdict.why) for verdict in verdicts)
+        say(f"{len(verdicts) - failed} of {len(verdicts)} clauses hold")
+        if out:
+            _write_junit(out, verdicts, failed)
     return FAILED if failed else OK
 
 
-def _write_junit(name: str, verdicts: Sequence[Verdict], failed: int) -> None:
-    """Write the results as JUnit XML, as `output` does."""
+def _write_junit(out: BinaryIO, verdicts: Sequence[Verdict], failed: int) -> None:
+    """Write the results as JUnit XML."""
     suite = ElementTree.Element("testsuite", name="arva-hil conform", tests=str(len(verdicts)), failures=str(failed))
     for clause, why in verdicts:
         case = ElementTree.SubElement(suite, "testcase", classname=f"PROTOCOL.md.{clause.section}", name=clause.name)
         if why:
             ElementTree.SubElement(case, "failure", message=one_line(why))
-    with output(name) as out:
-        ElementTree.ElementTree(suite).write(out, encoding="utf-8", xml_declaration=True)
+    ElementTree.ElementTree(suite).write(out, encoding="utf-8", xml_declaration=True)

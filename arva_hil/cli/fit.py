@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
+from contextlib import nullcontext
 from pathlib import Path
 
 from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
-from arva_hil.cli.recorded import loaded, needing, write
+from arva_hil.cli.recorded import loaded, needing, output
 from arva_hil.cli.terminal import show_one, tell
 from arva_hil.records.fitting import FitError, ReceiverFit, flight_of
 from arva_hil.records.fitting.scatter import Gps
@@ -29,17 +30,16 @@ def main(options: argparse.Namespace) -> int:
         from arva_hil.records.fitting import profile
         from arva_hil.records.fitting.fit import fit
     records = [loaded(name) for name in options.records]
-    try:
-        found = fit([flight_of(record) for record in records], options.model, Gps(options.gps_sigma, options.gps_tau))
-    except FitError as error:
-        raise Failure(FAILED, error) from None
-    out = Path(options.out)
-    write(
-        out, profile.profile(found, [record.run.started if record.run else "" for record in records]).encode(), *records
-    )
-    if options.scenario_out:
-        site = Path(options.scenario_out)
-        write(site, profile.scenario(found, os.path.relpath(out, site.parent)).encode(), *records)
+    site = options.scenario_out
+    with output(site, *records) if site else nullcontext() as site_out, output(options.out, *records) as out:
+        try:
+            flights = [flight_of(record) for record in records]
+            found = fit(flights, options.model, Gps(options.gps_sigma, options.gps_tau))
+        except FitError as error:
+            raise Failure(FAILED, error) from None
+        out.write(profile.profile(found, [record.run.started if record.run else "" for record in records]).encode())
+        if site_out:
+            site_out.write(profile.scenario(found, os.path.relpath(options.out, Path(site).parent)).encode())
     if on_stdout:
         tell(*lines(found))
     else:

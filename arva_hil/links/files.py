@@ -59,9 +59,9 @@ def replacing(path: Path, mode: int = _MODE) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` atomically at the end of the block. It is on the disk then.
 
     A reader gets either the old or the new file. A symlink of this name is replaced, not followed. Raises OSError, also
-    for a pipe or a device; after that or any other error the old file is still there.
+    for a pipe or a folder; after that or any other error the old file is still there.
     """
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, _NO_FILE, str(path))
     new = path.with_name(path.name + ".new")
     with contextlib.suppress(FileNotFoundError):

@@ -58,6 +58,8 @@ OUTPUTS = [
     "replay {log} --record {place}",
     "range-test --walks 1 --out {place}",
     "conform --only no-signal --junit {place} -- cat",
+    "fit {run} --out {place}",
+    "fit {run} --out {run}.yaml --scenario-out {place}",
     "campaign {plan} --out {place}",
 ]
 
@@ -67,8 +69,9 @@ OUTPUTS = [
 def test_a_place_that_cannot_be_written_is_a_wrong_command_line(arva: Arva, tmp_path: Path, words: str) -> None:
     run, place = write(tmp_path / "flight", 5), tmp_path / "flight" / "run.json" / "none"
     plan = written(tmp_path / "plan.yaml", PLAN)
-    err = arva(*words.format(run=run, log=DATA / "px4.tlog", plan=plan, place=place).split(), code=2).err
-    assert re.search(rf"^arva-hil: {place}.*: Not a directory$", err, re.MULTILINE)
+    ended = arva(*words.format(run=run, log=DATA / "px4.tlog", plan=plan, place=place).split(), code=2)
+    assert re.search(rf"^arva-hil: {place}.*: Not a directory$", ended.err, re.MULTILINE)
+    assert not ended.out or words.startswith("compare"), "it was found before the work"
 
 
 @pytest.mark.undrawn

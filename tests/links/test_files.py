@@ -78,13 +78,13 @@ def test_a_pipe_is_no_file_that_grows_and_is_not_waited_for(tmp_path: Path) -> N
         files.grow(tmp_path / "pipe")
 
 
-@pytest.mark.parametrize("name", ["pipe", "link to pipe"])
-def test_a_pipe_or_a_device_is_no_file_that_is_replaced(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["pipe", "link to pipe", "."])
+def test_a_pipe_a_device_or_a_folder_is_no_file_that_is_replaced(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link to pipe").symlink_to("pipe")
-    with pytest.raises(OSError, match="is not a regular file"):
-        files.replace(tmp_path / name, b"new")
-    assert (tmp_path / name).is_fifo()
+    with pytest.raises(OSError, match="is not a regular file"), files.replacing(tmp_path / name):
+        pytest.fail("it was opened")
+    assert not (tmp_path / name).is_file()
     assert sorted(os.listdir(tmp_path)) == ["link to pipe", "pipe"]
 
 
