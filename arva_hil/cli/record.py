@@ -128,9 +128,7 @@ def about(options: argparse.Namespace, scenario: Scenario) -> dict[str, Any]:
 
 
 def recorded_in(folder: str, epoch_us: int, known: dict[str, Any], *, patient: bool = False) -> Recorder:
-    """Return the recorder. Raises UsageError for a folder that has a record already."""
-    if not folder:
-        raise UsageError("the record's name is empty: write the folder to make")
+    """Return the recorder. Raises RecordError for a folder that has a record already."""
     return Recorder(Path(folder), epoch_us, known, layout=RecordLayout(real=True), patient=patient)
 
 

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from arva_hil.cli.arguments import shared
-from arva_hil.cli.options import CommandParser, link, number, numbers, option, speed, whole
+from arva_hil.cli.options import CommandParser, folder, link, number, numbers, option, speed, whole
 from arva_hil.config.ranges import LARGEST_SEED
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.simulated import HOME
@@ -98,7 +98,7 @@ def record(parser: CommandParser) -> None:
     True ranges come from the places of --transmitter. The receiver's bytes are kept: `arva-hil decode` can decode
     them later, in another format.
     """
-    parser.add_argument("folder", metavar="DIR", help="folder to make")
+    parser.add_argument("folder", metavar="DIR", type=folder, help="folder to make")
     parser.options(
         *shared.AUTOPILOT,
         option("--receiver URL", "link to the receiver: /dev/ttyUSB0[,BAUD], tcp:HOST:PORT", link),
