@@ -245,6 +245,8 @@ def opened(folder: Path) -> Iterator[Results]:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             results = stack.enter_context(contextlib.closing(Results(folder)))
+        except FileExistsError:
+            raise ResultsError(f"{folder}: is no folder: {_ELSEWHERE}") from None
         except OSError as error:
             raise ResultsError(f"{error.filename or folder}: {error.strerror or error}") from None
         except sqlite3.OperationalError as error:
