@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import secrets
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
@@ -96,7 +97,7 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
     tell_ropes(chosen)
     if not team and not options.record:
         stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(RealClock().epoch_us))
-        options.record = tempfile.mkdtemp(prefix=f"arva-demo-{stamp}-")
+        options.record = f"{tempfile.gettempdir()}/arva-demo-{stamp}-{secrets.token_hex(4)}"  # the record makes it
         tell(f"record: {options.record}; --record DIR keeps it elsewhere")
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)

@@ -298,3 +298,8 @@ def test_a_demo_says_where_its_record_is(arva: Arva, temporary: Path) -> None:
     assert re.fullmatch(r"arva-demo-\d{8}T\d{6}-\w+", made.name)
     assert err.startswith(f"record: {made}; --record DIR keeps it elsewhere\n")
     assert (made / "run.json").exists()
+
+
+def test_a_demo_that_cannot_begin_leaves_no_folder(arva: Arva, temporary: Path) -> None:
+    assert "--map: there is no page" in arva.refused(*MAX, "--map", "f.tif")
+    assert list(temporary.iterdir()) == []

@@ -332,10 +332,10 @@ def test_whatever_raises_between_start_and_loop_handlers_of_signals_and_threads_
 def test_an_error_of_the_system_that_nobody_foresaw_is_not_laid_to_stdout(
     arva: Arva, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(**_: object) -> str:
+    def full() -> str:
         raise OSError(errno.ENOSPC, "No space left on device", "/tmp/arva-demo-x")
 
-    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    monkeypatch.setattr(tempfile, "gettempdir", full)
     err = arva("demo", "--speed", "max", code=1).err
     assert "stdout" not in err
     assert re.search(r"unexpected OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo.py:\d+\)", err)
