@@ -255,7 +255,7 @@ _WORDS: Final[Mapping[Why, str | Callable[..., str]]] = {
         f"{port} is read by {', '.join(readers)} too, and each gets a part of the frames; close the other program"
     ),
     Why.BEYOND_FENCE: "{area:the whole area is|the height is} beyond the vehicle's fence ({parameter} {metres:g}), "
-    "{needed_m:g} m needed; nothing was armed",
+    "{needed_m:g} m needed; nothing was ordered",
     Why.NOBODY_ASKED: f"{_REAL}: to let it fly, write --yes",
     Why.ANSWER_NO: f"{_REAL}, and the answer was not yes: nothing was done",
     Why.ANSWER_LATE: f"{_REAL}, and no person typed yes within {{seconds:g}} s: nothing was done",
