@@ -401,12 +401,23 @@ def test_readings_that_are_late_by_a_part_of_a_frame_do_not_move_the_place(monke
     assert math.dist(place, PLACE[:2]) < 2 * (sigma_of(covariance) or 0.0) < 0.4
 
 
+def inwards(k: int) -> tuple[float, float]:
+    """Where reading k is made, on the way to the transmitter."""
+    return (8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k)
+
+
+@pytest.mark.parametrize("seed", range(2, 6))
+def test_a_drift_of_centimetres_is_in_the_uncertainty(seed: int) -> None:
+    drift = slow(np.random.default_rng(seed), 0.1, 600, 24)
+    place, covariance, *_ = now(readings_on(inwards, drift), PLACE + drift.mean(axis=0))
+    assert math.dist(place, (PLACE + drift[-1])[:2]) < 2 * (sigma_of(covariance) or 0.0) < 0.15
+
+
 def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed() -> None:
     rng, shares = np.random.default_rng(3), list[float]()
     for sigma_m, tau_s, most_m in ((0.0, 600, 0.1), *((2.0, 600, 0.6), (1.0, 20, 1.4), (1.0, 5, 2.2)) * 2):
         drift = slow(rng, sigma_m, tau_s, 24)
-        readings = readings_on(lambda k: ((8 - 0.3 * k) * math.cos(0.5 * k), 1.5 * math.sin(0.5 * k)), drift)
-        place, covariance, *_ = now(readings, PLACE + drift.mean(axis=0))
+        place, covariance, *_ = now(readings_on(inwards, drift), PLACE + drift.mean(axis=0))
         sigma = math.sqrt(estimate._DRIFT_CAUTION) * (sigma_of(covariance) or 0.0)
         shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / sigma)
         assert sigma < most_m
