@@ -29,7 +29,7 @@ _PIPE, _DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 _MOST: Final = 1 << 17  # bytes of a request
 
 
-_NO_MATTER: Final = {"PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED"}  # to a program that is imported already
+_NO_MATTER: Final = {"PYTHONDONTWRITEBYTECODE", "PYTHONPATH", "PYTHONUNBUFFERED"}  # to what is imported already
 
 
 def _of_python(environment: Mapping[str, str]) -> dict[str, str]:
@@ -224,6 +224,7 @@ def _become(
         os.close(fd)
     os.environ.clear()
     os.environ.update(env)
+    sys.path[:0] = [os.path.abspath(place) for place in env.get("PYTHONPATH", "").split(os.pathsep) if place]
     sys.stdin = sys.__stdin__ = open(0, closefd=False)  # noqa: SIM115 (for as long as the program runs)
     sys.stdout = sys.__stdout__ = open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = sys.__stderr__ = open(2, "w", 1, errors="backslashreplace", closefd=False)  # noqa: SIM115

@@ -610,6 +610,7 @@ def test_a_command_whose_page_cannot_be_served_leaves_no_record(arva: Arva, tmp_
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.undrawn
 def test_the_demo_has_it_by_itself_and_says_how_to_see_it_again(arva: Arva, tmp_path: Path) -> None:
     fly = ("demo", "--speed", "max", "--limit", 1, "--record")  # it does not find anything in a second
     err = arva(*fly, tmp_path / "a", code=1).err

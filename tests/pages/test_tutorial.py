@@ -74,8 +74,10 @@ class Terminal:
         """A command of the program alone is forked, for that is the same; the rest is for a shell."""
         streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": self._said, "stderr": subprocess.STDOUT}
         where: dict[str, Any] = {"cwd": self._folder, "env": self._environment}
-        if re.match(r"arva-hil [a-z-]+[^&;|]*$", command) and not UNDER_TEST and possible(where):
-            return Forked(shlex.split(command)[1:], **streams | {"stderr": self._said}, **where)
+        alone = re.fullmatch(r"(PYTHONPATH=(\S+) )?arva-hil( [a-z-]+[^&;|]*)", command)
+        if alone and not UNDER_TEST and possible(where):
+            where["env"] = self._environment | {"PYTHONPATH": alone[2] or ""}
+            return Forked(shlex.split(alone[3]), **streams | {"stderr": self._said}, **where)
         return subprocess.Popen(["bash", "-c", command], start_new_session=True, **streams, **where)
 
     def said(self) -> str:
