@@ -228,7 +228,7 @@ def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the
 
 def test_of_several_victims_the_uncertainty_is_that_of_the_place_with_the_largest_error(tmp_path: Path) -> None:
     two = "transmitters: [{id: 1, ned: [4, -3, 0]}, {id: 2, ned: [-3, 5, 0]}]\n"
-    one = row_of(tmp_path, two, f"{PLAN}victims: 2\n")
+    one = row_of(tmp_path, two, f"{PLAN}victims: 2\nspeed_m_s: 2\n")
     assert (one.outcome, one.error_m, one.sigma_m) == ("found", pytest.approx(0, abs=0.1), pytest.approx(2.1, abs=0.1))
     assert (one.relative_m, one.relative_sigma_m) == (None, None)  # the vehicle has left the first place
 
@@ -287,7 +287,7 @@ def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> Non
 def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_last(tmp_path: Path) -> None:
     two = "spec: 2\ntransmitters: [{id: 1, ned: [4, -3, 0]}, {id: 2, ned: [-3, 5, 0]}]\n"
     two += "receiver: {mount: {position: [3, 0, 0]}}\n"
-    plan = "strategies: flux\nscenarios: one.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-6, -6, 6, 6]\n"
+    plan = f"{PLAN}victims: 2\ndrones: 2\narea_m: [-6, -6, 6, 6]\n"
     one = row_of(tmp_path, two, plan)
     assert (one.outcome, one.drones, one.hover_m) == ("found", 2, None)
     assert one.error_m == pytest.approx(0, abs=1.0)
