@@ -106,7 +106,7 @@ def test_at_full_speed_it_is_repeatable(arva: Arva, tmp_path: Path, tmp_path_fac
 
 def test_two_victims_are_found_one_after_the_other_and_listed(arva: Arva, tmp_path: Path) -> None:
     two = scenario(tmp_path, (7, 6.0, -2.0), (8, -5.0, 5.0))
-    err = arva(*MAX, "--scenario", two, "--victims", 2, "--record", tmp_path / "record").err
+    err = arva(*MAX, "--scenario", two, "--victims", 2, "--max-speed", 3, "--record", tmp_path / "record").err
     lines = err.splitlines()
     at = lines.index("found 2 of 2")
     assert lines[at + 1] == "order of probing, the surest place first:"
@@ -240,7 +240,7 @@ def test_two_drones_find_one_transmitter_each_and_what_was_not_found_is_named(
 ) -> None:
     field.write_text(FIELD.replace("}]", "}, {id: 3, ned: [-400, 12, 1]}]"))
     record = tmp_path / "record"
-    words = ("--scenario", field, "--count", 2, "--area=-10,-10,10,10", "--limit", 60, "--record", record)
+    words = ("--scenario", field, "--count", 2, "--area=-10,-10,10,10", "--max-speed", 3, "--record", record)
     err = arva("demo", "--speed", "max", "--web", "127.0.0.1:0", *words, code=1).err
     assert "page: http://127.0.0.1:" in err
     for id_ in (1, 2):

@@ -118,6 +118,7 @@ def test_a_search_that_finds_shows_where_and_the_vehicle_hears_nothing_of_it() -
         DEFAULT,
         SearchPlan(Estimate),
         start=0.0,
+        stream_hz=10.0,
         wires=[in_memory()._replace(commands=commands)],
         observers=[station],
     )
@@ -136,7 +137,7 @@ def test_a_mark_that_somebody_forwards_to_the_autopilot_is_not_shown_any_more() 
     ours, theirs = memory.pair()
     clock, commands = StepClock(), memory.pair()
     station, wires = GroundStation(ours, lambda: 1, 193), [in_memory()._replace(commands=commands)]
-    loop = ClosedLoop(DEFAULT, SearchPlan(Estimate), start=0.0, wires=wires, observers=[station])
+    loop = ClosedLoop(DEFAULT, SearchPlan(Estimate), start=0.0, stream_hz=10.0, wires=wires, observers=[station])
     shown: list[Any] = []
 
     def forwarded() -> bool:
