@@ -67,6 +67,7 @@ from tests.every import every
 from tests.made_frames import frame_made
 from tests.made_records import write_search, write_team
 from tests.once import once
+from tests.undrawn import undrawn
 
 HOME = (46.0, 7.0, 1650.0)
 
@@ -452,7 +453,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def fly(folder: Path) -> None:
-    assert main([*MAX, "--fault", "drop=1@8-9.5", "--record", str(folder / "record")]) == 0
+    with undrawn():
+        assert main([*MAX, "--fault", "drop=1@8-9.5", "--record", str(folder / "record")]) == 0
 
 
 @pytest.fixture
