@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-WORKERS := $(shell expr 3 '*' $$(getconf _NPROCESSORS_ONLN))
+WORKERS := $(shell expr 2 '*' $$(getconf _NPROCESSORS_ONLN))
 
 export PYTHONDONTWRITEBYTECODE :=
 
@@ -11,7 +11,7 @@ export PYTHONDONTWRITEBYTECODE :=
 demo: $(VENV)/.run
 	$(BIN)/arva-hil demo
 
-# everything; three times as many workers as cores, for many tests wait
+# everything; twice as many workers as cores, for many tests wait
 test: $(VENV)/.dev $(VENV)/.rewritten
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
 
