@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
-import secrets
 import tempfile
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -93,15 +93,13 @@ class Flown:
 
 
 def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
-    plan = plan_of(options, chosen)  # before the record: a demo that cannot begin leaves none
+    plan = plan_of(options, chosen)
     tell_ropes(chosen)
-    if not team and not options.record:
-        stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(RealClock().epoch_us))
-        options.record = f"{tempfile.gettempdir()}/arva-demo-{stamp}-{secrets.token_hex(4)}"  # the record makes it
-        tell(f"record: {options.record}; --record DIR keeps it elsewhere")
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
+        if not team and not options.record:
+            options.record = _temporary(stack)
         wires = None if fast or team else [_ptys(stack, clock)]
         surroundings = stack.enter_context(
             common.Run(options, chosen, clock.epoch_us, live=not options.headless, kind="demo")
@@ -133,6 +131,20 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
             ),
         )
     return Flown(loop, clock, start, log, code, pace.complaint(options.speed), surroundings.page is not None)
+
+
+def _temporary(stack: ExitStack) -> str:
+    """Make a folder for the record. It is removed at the end if it is empty: the demo could not begin."""
+    stamp = re.sub(r"\.\d+|[^0-9T]", "", utc(RealClock().epoch_us))
+    folder = tempfile.mkdtemp(prefix=f"arva-demo-{stamp}-")
+    tell(f"record: {folder}; --record DIR keeps it elsewhere")
+
+    def remove() -> None:
+        with suppress(OSError):
+            os.rmdir(folder)
+
+    stack.callback(remove)
+    return folder
 
 
 def _alone(options: argparse.Namespace, chosen: Scenario) -> Scenario:
