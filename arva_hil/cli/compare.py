@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from arva_hil.cli.outcome import FAILED, Failure, UsageError
-from arva_hil.cli.recorded import loaded, needing, write
+from arva_hil.cli.recorded import loaded, needing, output
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.config import Scenario, load
 from arva_hil.records.comparing import (
@@ -37,6 +38,17 @@ def main(options: argparse.Namespace) -> None:
     if options.out and picture is None:
         raise UsageError(f"--out {options.out}: expected a file name that ends with .png, .svg or .pdf")
     record = loaded(options.run)
+    with output(options.out, record) if options.out else nullcontext() as out:
+        result, names = _compare(options, record)
+        if out and picture:
+            with needing("plots", "the picture of --out"):
+                from arva_hil.records.comparing.picture import drawn
+
+                out.write(drawn(result, names, picture))
+
+
+def _compare(options: argparse.Namespace, record: Recording) -> tuple[Sequence[Comparison], tuple[str, str]]:
+    """Compare, and print the result. Returns it, with the names of the two."""
     receiver = only_receiver(record)
     if options.scenario:
         emulated = emulated_again(record, receiver, emulated_scenario(options.scenario, options.seed))
@@ -56,12 +68,7 @@ def main(options: argparse.Namespace) -> None:
         show_json(*({**one.as_json(), "paired_by": pairs.how, "clock_offset_s": pairs.offset_s} for one in result))
     else:
         show(*lines(result, names))
-    if options.out and picture:
-        with needing("plots", "the picture of --out"):
-            from arva_hil.records.comparing.picture import drawn
-
-            data = drawn(result, names, picture)
-        write(Path(options.out), data, record)
+    return result, names
 
 
 def only_receiver(recording: Recording) -> RecordedReceiver:
