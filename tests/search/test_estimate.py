@@ -320,7 +320,7 @@ def test_readings_that_agree_better_than_assumed_make_the_uncertainty_smaller() 
     readings = readings_on(circle, np.zeros((24, 3)))
     place, covariance, _, likely = now(readings, PLACE)
     assert math.dist(place, PLACE[:2]) < 0.01
-    assert (sigma_of(covariance) or 0.0) < 0.012
+    assert (sigma_of(covariance) or 0.0) < 0.01
     assert not any(errors.drift_m > 1.0 for errors, _ in likely)
 
 
