@@ -1,9 +1,10 @@
 """The place of a transmitter if the reported places drift slowly, like those of a GPS.
 
 While the search flies, the drift on each axis is a slow random process, low-pass filtered as by an estimator. Errors of
-readings close in time are alike; errors over a minute average out. The place reported at the end is that under drifts
-of all speeds, from seconds to 20 minutes, with an exact receiver and with one that is late, has unequal antennas and
-another law of d. Either may lean by a few degrees. A constant offset does not change the place relative to the vehicle.
+readings close in time are alike; errors over a minute average out. The place reported at the end is that without
+a drift, with an exact receiver, or that under drifts of all speeds, from seconds to 20 minutes, with an exact receiver
+and with one that is late, has unequal antennas and another law of d. Either may lean by a few degrees. A constant
+offset does not change the place relative to the vehicle.
 """
 
 from __future__ import annotations
@@ -30,9 +31,7 @@ _FARTHEST_M: Final = 2.0  # longest step
 _SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
 _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
-_LEAST: Final = 0.5  # least size of all errors of a fit, as a share of those assumed, for its likelihood
-_LEAST_SCALE: Final = 0.6  # the same of its variances, for the place: the readings tell less of a drift than of chance
-_SIZE: Final = 0.7  # times the variances: measured in worlds whose errors are none of these
+_LEAST: Final = 0.2  # least size of all errors of a fit, as a share of those assumed
 _DISCOUNT: Final = 2.5  # divides the evidence of the readings: their errors are less independent than in the fit
 _LIKELY: Final = 0.003  # least share of a fit that is fitted again
 # Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; the gain of each antenna;
@@ -64,19 +63,19 @@ class ErrorSizes(NamedTuple):
 
 
 # An exact receiver has errors by chance as small as those of its place.
-ANY: Final = tuple(
-    ErrorSizes(drift_m, white_m, times_s, receiver, max(receiver, min(1.0, white_m / WHITE_M)), _MOUNT)
-    for drift_m, times_s, white_m in (
-        (0.0, _SLOW_S, _EXACT_M),
-        (0.6, (600.0, _AT_ONCE_S), 0.01),
-        (0.0, _SLOW_S, 0.1),
-        (1.0, _SLOW_S, 0.1),
-        (1.0, (10.0, _AT_ONCE_S), 0.1),
-        (1.0, (600.0, _AT_ONCE_S), 0.03),
-        (2.0, (600.0, _AT_ONCE_S), 0.03),
-    )
-    for receiver in (0.0, 1.0)
-    if not receiver or white_m != _EXACT_M
+ANY: Final = (
+    ErrorSizes(0.0, _EXACT_M, chance=_EXACT_M / WHITE_M, mount=_MOUNT),
+    *(
+        ErrorSizes(drift_m, white_m, times_s, receiver, max(receiver, white_m / WHITE_M), _MOUNT)
+        for drift_m, times_s, white_m in (
+            (0.6, (600.0, _AT_ONCE_S), 0.01),
+            (1.0, (600.0, _AT_ONCE_S), 0.03),
+            (2.0, (600.0, _AT_ONCE_S), 0.03),
+            (1.0, _SLOW_S, 0.1),
+            (1.0, (10.0, _AT_ONCE_S), 0.1),
+        )
+        for receiver in (0.0, 1.0)
+    ),
 )
 
 
@@ -261,12 +260,11 @@ def place_now(
         for one in _apart(fitted(first, o, errors, 2 * _ROUNDS, fits, ahead_s, velocity))
     ]
     share, scale = _shares([one for _, one in every])
-    scale = np.maximum(scale, _LEAST_SCALE)
     places = np.array([one.now[:2] for _, one in every])
     north, east = (share @ places).tolist()
     off = places - (north, east)
     each_now = np.array([one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2) for errors, one in every])
-    covariance = _SIZE * (np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off)
+    covariance = np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off
     np.fill_diagonal(covariance, np.maximum(covariance.diagonal(), _LEAST_M**2))
     (nn, ne), (_, ee) = covariance.tolist()
     best = every[int(share.argmax())][1]
