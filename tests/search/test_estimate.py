@@ -324,15 +324,6 @@ def test_readings_that_agree_better_than_assumed_make_the_uncertainty_smaller() 
     assert not any(errors.drift_m > 1.0 for errors, _ in likely)
 
 
-def test_no_place_is_known_better_than_to_3_5_mm() -> None:
-    """Errors of rounding are not independent: in the paper's first case places were 11 mm off by ± 2 mm."""
-    readings = dipole.DipoleReadings()
-    for k in range(60):
-        at = PLACE + np.array([*circle(k), -1.0])
-        readings.add(at.tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
-    assert sigma_of(now(readings, PLACE).covariance) == pytest.approx(0.0035, rel=0.05)
-
-
 @pytest.mark.parametrize(("y_gain", "power"), [(0.75, 1.0), (1.0, 1.08), (0.9, 1.0), (0.9, 1.03)])
 def test_the_place_is_right_though_antennas_are_unequal_or_d_has_another_law(
     y_gain: float, power: float, monkeypatch: pytest.MonkeyPatch
@@ -349,15 +340,17 @@ def test_the_place_is_right_though_antennas_are_unequal_or_d_has_another_law(
     assert math.dist(place, PLACE[:2]) < 2 * (sigma_of(covariance) or 0.0) < 0.4
 
 
+@pytest.mark.parametrize("degrees", [2, 6])
 @pytest.mark.parametrize("towards_deg", [0, 135, 270])
-def test_the_place_is_right_though_the_receiver_leans_by_two_degrees(towards_deg: int) -> None:
-    leaning = Rotation.from_rotvec(2 * np.array([*circle(math.radians(towards_deg) / 0.8), 0.0]) / 1.5, degrees=True)
+def test_the_place_is_right_though_the_receiver_leans(towards_deg: int, degrees: float) -> None:
+    towards = np.array([*circle(math.radians(towards_deg) / 0.8), 0.0]) / 1.5
+    leaning = Rotation.from_rotvec(degrees * towards, degrees=True)
     readings = dipole.DipoleReadings()
     for k in range(30):
         at = np.array([*((8.0 - 0.5 * k, 0.3) if k < 12 else circle(k)), -3.0])
         readings.add(at.tolist(), leaning.as_matrix(), *heard(at), False, EVERY_S * k)
     place, covariance, *_ = now(readings, PLACE)
-    assert math.dist(place, PLACE[:2]) < min(0.05, 3 * (sigma_of(covariance) or 0.0))
+    assert math.dist(place, PLACE[:2]) < min(0.01, 3 * (sigma_of(covariance) or 0.0))
 
 
 @pytest.mark.parametrize("of_mount", [False, True])
@@ -409,13 +402,13 @@ def inwards(k: int) -> tuple[float, float]:
 @pytest.mark.parametrize("drift_m", [0.03, 0.06, 0.1, 0.3])
 def test_a_drift_of_centimetres_is_in_the_uncertainty(drift_m: float) -> None:
     shares = []
-    for seed in range(2, 10):
+    for seed in range(24):
         drift = slow(np.random.default_rng(seed), drift_m, 600, 24)
         place, covariance, *_ = now(readings_on(inwards, drift), PLACE + drift.mean(axis=0))
         assert (sigma_of(covariance) or 0.0) < 0.7 * drift_m
         shares.append(math.dist(place, (PLACE + drift[-1])[:2]) / (sigma_of(covariance) or 0.0))
     assert max(shares) < 3.0
-    assert np.mean(np.square(shares)) < 3.0  # of 8; 2 of many
+    assert np.mean(np.square(shares)) < 3.0  # 2 of many
 
 
 def test_the_place_reported_now_has_an_uncertainty_that_fits_drifts_of_any_speed() -> None:

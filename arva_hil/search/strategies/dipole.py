@@ -188,7 +188,7 @@ class Fit(NamedTuple):
 
 
 def evaluate(x: Array, o: DipoleReadings, pose_error: float | Array, chance: float = 1.0) -> Fit:
-    """Compare hypotheses (K, 7) with readings, which may be at other places (K, 3, N) for each.
+    """Compare hypotheses (K, 7) with readings, whose places and axes (K, 3, N) may be others for each.
 
     `pose_error`: sigma of the receiver's place on each axis, by chance [m]; of all, or (K, 1). `chance`: size of the
     other errors by chance, of its attitude and of unknown causes, in usual ones.
@@ -244,16 +244,29 @@ def of_receiver(x: Array, o: DipoleReadings) -> Array:
     both are the same.
     """
     *_, h = _field(x, o)
-    ahead, right, down = o.axis.real, o.axis.imag, np.cross(o.axis.real, o.axis.imag, axis=0)
+    ahead, right, down = _axes(o.axis)
     parts = np.concatenate([_dot(axis, h) for axis in (ahead, right, down)], axis=1)  # (K, 3, N)
     z = parts[:, :1] + 1j * parts[:, 1:2] + 1e-12
     gains = np.where(o.inner, parts**2 / (_dot(h, h) + 1e-20), parts * np.array([[1], [1j], [0]]) / z)
     across = np.where(o.inner, 0, parts[:, 2:] / z)
     roll, pitch = 1j * across, -across
-    compass = x[:, 6:, None] * (o.axis[2].real * roll + o.axis[2].imag * pitch)
+    compass = x[:, 6:, None] * (ahead[..., 2:, :] * roll + right[..., 2:, :] * pitch)
     slopes = np.concatenate([gains, roll, pitch, compass], axis=1).view(float)
     slopes[:, :, :2] = 0  # number 0 is the prior
     return slopes
+
+
+def leaning(axis: NDArray[np.complex128], lean: Array) -> NDArray[np.complex128]:
+    """Return the axes (K, 3, N) of a receiver with those axes (3, N) if it leans by a roll and a pitch (K, 2) [rad]."""
+    (ahead, right, down), (roll, pitch) = _axes(axis), lean.T[..., None, None]
+    below = ahead * np.sin(pitch) + down * np.cos(pitch)
+    x, y = ahead * np.cos(pitch) - down * np.sin(pitch), right * np.cos(roll) + below * np.sin(roll)
+    leant: NDArray[np.complex128] = x + 1j * y
+    return leant
+
+
+def _axes(axis: NDArray[np.complex128]) -> tuple[Array, Array, Array]:
+    return axis.real, axis.imag, np.cross(axis.real, axis.imag, axis=-2)
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float | Array, rounds: int) -> tuple[Fit, Array]:

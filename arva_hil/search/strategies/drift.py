@@ -22,16 +22,18 @@ from arva_hil.search.strategies.strategy import Covariance
 
 DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
-_EXACT_M: Final = 0.001  # the same for exact ones
-_LEAST_M: Final = 0.0035  # a place is not known better: errors of rounding are not independent
+_EXACT_M: Final = 0.0007  # the same for exact ones
 
 _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
 _FARTHEST_M: Final = 2.0  # longest step
-_SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less
+_SETTLED_M: Final = 0.01  # stop if a step moves the hypothesis and the drift by less,
+_SETTLED: Final = 0.1  # and the lean by less than this share of its sigma
+_NEAR_M: Final = 0.1  # the lean is followed after shorter steps
 _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
-_LEAST: Final = 0.2  # least size of all errors of a fit, as a share of those assumed
+_FITTED: Final = 7  # numbers of a hypothesis: so much freedom the errors of a fit have less
+_LEAST: Final = 0.1  # least size of all errors of a fit, as a share of those assumed
 _DISCOUNT: Final = 2.5  # divides the evidence of the readings: their errors are less independent than in the fit
 _LIKELY: Final = 0.003  # least share of a fit that is fitted again
 # Errors of a real receiver, one sigma: the delay of all readings together, and of each [s]; the gain of each antenna;
@@ -41,6 +43,7 @@ _UNEQUAL: Final = 0.1
 _LAW: Final = 0.05
 _LAW_M: Final = 3.0  # the law is right here
 _MOUNT: Final = 0.03  # sigma of its roll and pitch against those of the vehicle, rad
+_LEAN: Final = slice(4, 6)  # roll and pitch among the causes of its errors
 
 Array = NDArray[np.float64]
 
@@ -94,41 +97,43 @@ class DriftFit(NamedTuple):
 
 
 class _Linear(NamedTuple):
-    """The readings, linearised in one hypothesis and in the drift, and the solution; M real parts."""
+    """The readings, linearised in one hypothesis, in the drift and in the lean, and the solution; M real parts."""
 
     of: NDArray[np.intp]  # (M,) the reading of each
     slopes: Array  # (7, M) of the error over the hypothesis
-    error: Array  # (M,) without the part explained by the drift
+    error: Array  # (M,) without the parts explained by the drift and by the lean
     each: Array  # (M, M) covariance of the errors
     solved: Array  # (M, 8) by it: slopes and error
     information: NDArray[Any]  # (7, 7)
     step: Array  # (7,) to the best hypothesis
     left: Array  # (M,) solved by `each`: the error there
+    lean: Array  # (2,) there
 
 
 def _linear(
-    fit: dipole.Fit, k: int, drift: Array, white_m: float, alike: Array, late_m: Array, receiver: Array
+    fit: dipole.Fit, k: int, drift: Array, lean: Array, white_m: float, alike: Array, late_m: Array, receiver: Array
 ) -> _Linear:
     """Return hypothesis k of a fit, linear.
 
-    `alike`: covariance (2N, 2N) of the drifts at the readings of two parts. `late_m`: the way (3, N) flown in a delay.
-    `receiver`: its errors (C, 2N) by some causes.
+    `lean`: roll and pitch (2,), in sigmas. `alike`: covariance (2N, 2N) of the drifts at the readings of two parts.
+    `late_m`: the way (3, N) flown in a delay. `receiver`: its errors (C, 2N) by some causes.
     """
     used = np.flatnonzero(fit.weight[k])
-    of, j = used // 2, fit.slopes[k][:, used]
+    of, j, receiver = used // 2, fit.slopes[k][:, used], receiver[:, used]
     exact = white_m**2 * fit.slope[k, used] + fit.variance[k, used]
     tail = np.where(of, 1 + fit.error[k, used] ** 2 / (dipole.TAIL * exact), 1.0)
-    e = fit.error[k, used] - np.add.reduce(j[:3] * drift[:, of])
+    e = fit.error[k, used] - np.add.reduce(j[:3] * drift[:, of]) - lean @ receiver[_LEAN]
     each = (j[:3].T @ j[:3]) * (alike if len(of) == len(alike) else alike[used[:, None], used])
     late = np.add.reduce(j[:3] * late_m[:, of])
-    together = np.vstack([late, receiver[:, used]])
+    together = np.vstack([late, receiver])
     each += together.T @ together
     each.ravel()[:: len(of) + 1] += exact * tail + late**2
     solved = np.linalg.solve(each, np.column_stack([j.T, e]))
     information, gradient = j @ solved[:, :7] + dipole.RIDGE, j @ solved[:, 7]
     gradient[6] += dipole.RIDGE[6, 6] * fit.x[k, 6]
     step: Array = -np.linalg.solve(information, gradient)
-    return _Linear(of, j, e, each, solved, information, step, -(solved[:, 7] + solved[:, :7] @ step))
+    left = -(solved[:, 7] + solved[:, :7] @ step)
+    return _Linear(of, j, e, each, solved, information, step, left, receiver[_LEAN] @ left)
 
 
 def fitted(
@@ -153,18 +158,18 @@ def fitted(
     law = errors.receiver * _of_law(o)
     sizes = np.array([*[errors.receiver * _UNEQUAL] * 3, errors.mount, errors.mount, 1.0])[:, None]
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
-    there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, n))
+    there, x, drift, lean = copy.copy(o), x.copy(), np.zeros((len(x), 3, n)), np.zeros((len(x), 2))
     for k, before in enumerate(near):
         drift[k] = _then(before, o.time_s)
     going, fits = dict.fromkeys(range(len(x)), rounds), dict[int, DriftFit]()  # rounds left; the settled fits
     while going:
         numbers = list(going)
-        there.at = o.at - drift[numbers]
+        there.at, there.axis = o.at - drift[numbers], dipole.leaning(o.axis, errors.mount * lean[numbers])
         fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.chance)
         of_receiver = dipole.of_receiver(x[numbers], there) * sizes
         for row, k in enumerate(numbers):
             causes = np.concatenate([law, of_receiver[row]])
-            one = _linear(fit, row, drift[k], errors.white_m, both, late_m, causes)
+            one = _linear(fit, row, drift[k], lean[k], errors.white_m, both, late_m, causes)
             if going[k] <= 0:
                 fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, variance, o.time_s)
                 del going[k]
@@ -174,7 +179,10 @@ def fitted(
             x[k] += share * one.step
             moved = (one.slopes[:3] * one.left) @ alike[one.of] - drift[k]
             drift[k] += share * moved
-            going[k] = 0 if max(far, float(np.abs(moved).max())) < _SETTLED_M else going[k] - 1
+            leant, far = one.lean - lean[k], max(far, float(np.abs(moved).max()))
+            if far < _NEAR_M:
+                lean[k] += leant
+            going[k] = 0 if far < _SETTLED_M and np.abs(leant).max() < _SETTLED else going[k] - 1
     return [fits[k] for k in range(len(x))]
 
 
@@ -265,7 +273,6 @@ def place_now(
     off = places - (north, east)
     each_now = np.array([one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2) for errors, one in every])
     covariance = np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off
-    np.fill_diagonal(covariance, np.maximum(covariance.diagonal(), _LEAST_M**2))
     (nn, ne), (_, ee) = covariance.tolist()
     best = every[int(share.argmax())][1]
     likely = [every[i] for i in np.flatnonzero(share > _LIKELY)]
@@ -273,11 +280,12 @@ def place_now(
 
 
 def _shares(fits: Sequence[DriftFit]) -> tuple[Array, Array]:
-    """Return the share (K,) of each fit by its likelihood, and the factor (K,) of its variances that is likeliest."""
+    """Return the share (K,) of each fit by its likelihood, and the factor (K,) of its variances by its own errors."""
     cost, misfit, parts = (np.array(c) for c in zip(*((f.cost, f.misfit, f.parts) for f in fits), strict=True))
-    scale = np.clip(misfit / parts, _LEAST**2, 1.0)
+    free = np.maximum(parts - _FITTED, 1)
+    scale = np.clip(misfit / free, _LEAST**2, 1.0)
     cost = cost - 0.5 * np.linalg.slogdet(np.array([one.covariance for one in fits]))[1]
-    cost = cost + 0.5 * (misfit * (1 / scale - 1) + parts * np.log(scale))
+    cost = cost + 0.5 * (misfit * (1 / scale - 1) + free * np.log(scale))
     share: Array = np.exp((cost.min() - cost) / _DISCOUNT)
     return share / share.sum(), scale
 
