@@ -61,7 +61,7 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise NotWritten(folder, error, "made") from None
+        raise NotWritten(folder, error, "made a folder") from None
 
 
 @contextlib.contextmanager

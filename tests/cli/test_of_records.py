@@ -87,7 +87,7 @@ def test_a_folder_that_cannot_be_made_and_two_kinds_at_once_are_refused(arva: Ar
     )
     assert (
         arva.refused("plot", run, "--out", run / "run.json" / "x")
-        == f"arva-hil: {run}/run.json/x: cannot be made: Not a directory\n"
+        == f"arva-hil: {run}/run.json/x: cannot be made a folder: Not a directory\n"
     )
 
 
