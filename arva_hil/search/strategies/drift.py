@@ -23,6 +23,7 @@ from arva_hil.search.strategies.strategy import Covariance
 DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
 _EXACT_M: Final = 0.0007  # the same for exact ones
+_LEAST_M: Final = 0.0035  # a place is not known better: the position now is rounded to 1e-7°
 
 _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
@@ -273,6 +274,7 @@ def place_now(
     off = places - (north, east)
     each_now = np.array([one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2) for errors, one in every])
     covariance = np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off
+    np.fill_diagonal(covariance, np.maximum(covariance.diagonal(), _LEAST_M**2))
     (nn, ne), (_, ee) = covariance.tolist()
     best = every[int(share.argmax())][1]
     likely = [every[i] for i in np.flatnonzero(share > _LIKELY)]
