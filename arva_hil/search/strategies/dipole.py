@@ -19,6 +19,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.model.field import rotation
+
 Array = NDArray[np.float64]
 
 # Prior knowledge.
@@ -258,15 +260,14 @@ def of_receiver(x: Array, o: DipoleReadings) -> Array:
 
 def leaning(axis: NDArray[np.complex128], lean: Array) -> NDArray[np.complex128]:
     """Return the axes (K, 3, N) of a receiver with those axes (3, N) if it leans by a roll and a pitch (K, 2) [rad]."""
-    (ahead, right, down), (roll, pitch) = _axes(axis), lean.T[..., None, None]
-    below = ahead * np.sin(pitch) + down * np.cos(pitch)
-    x, y = ahead * np.cos(pitch) - down * np.sin(pitch), right * np.cos(roll) + below * np.sin(roll)
-    leant: NDArray[np.complex128] = x + 1j * y
+    matrix = rotation.to_matrix(rotation.from_euler(lean[:, 0], lean[:, 1], 0.0))
+    leant: NDArray[np.complex128] = np.einsum("ki,ijn->kjn", matrix[..., 0] + 1j * matrix[..., 1], _axes(axis))
     return leant
 
 
-def _axes(axis: NDArray[np.complex128]) -> tuple[Array, Array, Array]:
-    return axis.real, axis.imag, np.cross(axis.real, axis.imag, axis=-2)
+def _axes(axis: NDArray[np.complex128]) -> Array:
+    """Return the axes x, y and z (3, …, 3, N) of a receiver."""
+    return np.array([axis.real, axis.imag, np.cross(axis.real, axis.imag, axis=-2)])
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float | Array, rounds: int) -> tuple[Fit, Array]:

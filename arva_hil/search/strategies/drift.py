@@ -33,7 +33,6 @@ _SETTLED: Final = 0.1  # and the lean by less than this share of its sigma
 _NEAR_M: Final = 0.1  # the lean is followed after shorter steps
 _ROUNDS: Final = 4
 _FEW, _APART_M, _BESIDE_M = 4, 0.2, 1.5  # hypotheses; distances of different ones, and of new ones
-_FITTED: Final = 7  # numbers of a hypothesis: so much freedom the errors of a fit have less
 _LEAST: Final = 0.1  # least size of all errors of a fit, as a share of those assumed
 _DISCOUNT: Final = 2.5  # divides the evidence of the readings: their errors are less independent than in the fit
 _LIKELY: Final = 0.003  # least share of a fit that is fitted again
@@ -283,8 +282,7 @@ def place_now(
 
 def _shares(fits: Sequence[DriftFit]) -> tuple[Array, Array]:
     """Return the share (K,) of each fit by its likelihood, and the factor (K,) of its variances by its own errors."""
-    cost, misfit, parts = (np.array(c) for c in zip(*((f.cost, f.misfit, f.parts) for f in fits), strict=True))
-    free = np.maximum(parts - _FITTED, 1)
+    cost, misfit, free = np.array([(f.cost, f.misfit, max(f.parts - len(f.x), 1)) for f in fits]).T
     scale = np.clip(misfit / free, _LEAST**2, 1.0)
     cost = cost - 0.5 * np.linalg.slogdet(np.array([one.covariance for one in fits]))[1]
     cost = cost + 0.5 * (misfit * (1 / scale - 1) + free * np.log(scale))
