@@ -155,14 +155,13 @@ class Drone:
 
     def _true(self, now: float) -> tuple[float, float] | None:
         """Return the true place of the vehicle, north and east of the take-off point; None before that is known."""
-        origin, world = self.search.origin, self.emulated.world
+        origin, there = self.search.origin, self.emulated.world.at(now)
         if origin is None:
             return None
-        pose, lla = world.at(now).pose, self.vehicle.truth(now).lla
-        if self.scenario.navigation_error is not None and pose is not None and world.datum.frame is not None:
-            north, east, _ = origin.ned(*world.datum.frame.lla(pose.position)).tolist()
-        else:
-            north, east, _ = origin.ned(*lla).tolist()
+        true = origin.ned(*self.vehicle.truth(now).lla)
+        if self.scenario.navigation_error is not None and there.pose is not None and there.reported is not None:
+            true += there.pose.position - there.reported.position
+        north, east, _ = true.tolist()
         return north, east
 
     def _distance(self, place: tuple[float, float]) -> float | None:

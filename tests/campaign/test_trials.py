@@ -226,6 +226,14 @@ def test_an_offset_of_the_position_is_an_error_on_earth_and_none_relative_to_the
     assert (one.relative_m, one.hover_m) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=2.1))
 
 
+def test_the_position_is_rounded_also_for_a_scenario_with_an_error_of_0(tmp_path: Path) -> None:
+    """The true place of the vehicle is its own plus the error, not the place that its messages tell."""
+    text = "spec: 2\ntransmitters: [{id: 1, ned: [5, 5, 1]}]\n"
+    without, with_none = row_of(tmp_path, text), row_of(tmp_path, f"{text}navigation_error: {{}}\n")
+    assert with_none.relative_m == pytest.approx(without.relative_m, abs=1e-6)
+    assert with_none.hover_m == pytest.approx(without.hover_m, abs=1e-6)
+
+
 def test_of_several_victims_the_uncertainty_is_that_of_the_place_with_the_largest_error(tmp_path: Path) -> None:
     two = "transmitters: [{id: 1, ned: [4, -3, 0]}, {id: 2, ned: [-3, 5, 0]}]\n"
     one = row_of(tmp_path, two, f"{PLAN}victims: 2\nspeed_m_s: 2\n")

@@ -243,22 +243,20 @@ def fly(name: str, seed: int, strategy: str = "estimate") -> Flown:
     if world.error is not None:
         emulated._truth._error = world.error
     run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: drone.decided)
-    mission, origin = drone.mission, drone.search.origin
-    if mission is None or mission.ended is None or origin is None:
+    mission, error, relative = drone.mission, drone.error(), drone.relative_error(clock.now())
+    if mission is None or mission.ended is None:
         return Flown(seed, "no end")
     outcome = in_words(mission.ended).partition(":")[0]
-    if mission.found is None:
+    found = mission.found
+    if found is None or error is None or relative is None:
         return Flown(seed, outcome, mission.progress.searched_s)
-    found, there = mission.found, emulated.at(clock.now())
-    true, told = (np.array(origin.ned(*emulated.datum.frame.lla(one.position))) for one in (there.pose, there.reported))
-    (transmitter,) = (np.array(place) for place in drone.truth().values())
     return Flown(
         seed,
         outcome,
         mission.progress.searched_s,
-        math.dist(found[:2], transmitter[:2]),
+        error,
         sigma_of(mission.reports.accuracy.on_earth(found)),
-        math.dist(found.goal - told[:2], transmitter[:2] - true[:2]),
+        relative,
         sigma_of(mission.reports.accuracy.relative(found)),
         found.turned_deg,
     )
@@ -307,5 +305,5 @@ def main() -> None:
             flown = [one.result() for one in futures]
             if options.verbose:
                 for one in flown:
-                    print("  ", *(f"{value:.3f}" if isinstance(value, float) else value for value in one))
+                    print("  ", *(f"{value:.4f}" if isinstance(value, float) else value for value in one))
             print(line(name, flown), flush=True)
