@@ -258,10 +258,16 @@ def of_receiver(x: Array, o: DipoleReadings) -> Array:
     return slopes
 
 
-def leaning(axis: NDArray[np.complex128], lean: Array) -> NDArray[np.complex128]:
-    """Return the axes (K, 3, N) of a receiver with those axes (3, N) if it leans by a roll and a pitch (K, 2) [rad]."""
-    matrix = rotation.to_matrix(rotation.from_euler(lean[:, 0], lean[:, 1], 0.0))
-    leant: NDArray[np.complex128] = np.einsum("ki,ijn->kjn", matrix[..., 0] + 1j * matrix[..., 1], _axes(axis))
+def leaning(axis: NDArray[np.complex128], lean: Array, compass: Array) -> NDArray[np.complex128]:
+    """Return the axes (K, 3, N) of a receiver with those axes (3, N), if it leans and the compass is off.
+
+    `lean` (K, 2): roll and pitch [rad]. `compass` (K,): the part of the yaw of a hypothesis that turns about the
+    vertical [rad].
+    """
+    about_itself = rotation.to_matrix(rotation.from_euler(lean[:, 0], lean[:, 1], -compass))
+    about_vertical = rotation.to_matrix(rotation.from_euler(0.0, 0.0, compass))
+    both = about_itself[..., 0] + 1j * about_itself[..., 1]
+    leant: NDArray[np.complex128] = np.einsum("kmj,ki,ijn->kmn", about_vertical, both, _axes(axis))
     return leant
 
 

@@ -23,7 +23,7 @@ from arva_hil.search.strategies.strategy import Covariance
 DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
 _EXACT_M: Final = 0.0007  # the same for exact ones
-_LEAST_M: Final = 0.0035  # a place is not known better: the position now is rounded to 1e-7°
+_ROUNDED_M: Final = 0.003  # sigma of the position now, rounded to 1e-7°: mean of north and east
 
 _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
@@ -43,7 +43,7 @@ _UNEQUAL: Final = 0.1
 _LAW: Final = 0.05
 _LAW_M: Final = 3.0  # the law is right here
 _MOUNT: Final = 0.03  # sigma of its roll and pitch against those of the vehicle, rad
-_LEAN: Final = slice(4, 6)  # roll and pitch among the causes of its errors
+_LEAN: Final = slice(4, 7)  # roll, pitch and the compass among the causes of its errors
 
 Array = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ class _Linear(NamedTuple):
     information: NDArray[Any]  # (7, 7)
     step: Array  # (7,) to the best hypothesis
     left: Array  # (M,) solved by `each`: the error there
-    lean: Array  # (2,) there
+    lean: Array  # (3,) there
 
 
 def _linear(
@@ -115,8 +115,9 @@ def _linear(
 ) -> _Linear:
     """Return hypothesis k of a fit, linear.
 
-    `lean`: roll and pitch (2,), in sigmas. `alike`: covariance (2N, 2N) of the drifts at the readings of two parts.
-    `late_m`: the way (3, N) flown in a delay. `receiver`: its errors (C, 2N) by some causes.
+    `lean`: roll, pitch, and the compass's part of the yaw (3,), in sigmas. `alike`: covariance (2N, 2N) of the drifts
+    at the readings of two parts. `late_m`: the way (3, N) flown in a delay. `receiver`: its errors (C, 2N) by some
+    causes.
     """
     used = np.flatnonzero(fit.weight[k])
     of, j, receiver = used // 2, fit.slopes[k][:, used], receiver[:, used]
@@ -158,13 +159,14 @@ def fitted(
     law = errors.receiver * _of_law(o)
     sizes = np.array([*[errors.receiver * _UNEQUAL] * 3, errors.mount, errors.mount, 1.0])[:, None]
     both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
-    there, x, drift, lean = copy.copy(o), x.copy(), np.zeros((len(x), 3, n)), np.zeros((len(x), 2))
+    there, x, drift, lean = copy.copy(o), x.copy(), np.zeros((len(x), 3, n)), np.zeros((len(x), 3))
     for k, before in enumerate(near):
         drift[k] = _then(before, o.time_s)
     going, fits = dict.fromkeys(range(len(x)), rounds), dict[int, DriftFit]()  # rounds left; the settled fits
     while going:
         numbers = list(going)
-        there.at, there.axis = o.at - drift[numbers], dipole.leaning(o.axis, errors.mount * lean[numbers])
+        leans, compass = errors.mount * lean[numbers, :2], x[numbers, 6] * lean[numbers, 2]
+        there.at, there.axis = o.at - drift[numbers], dipole.leaning(o.axis, leans, compass)
         fit = dipole.evaluate(x[numbers], there, errors.white_m, errors.chance)
         of_receiver = dipole.of_receiver(x[numbers], there) * sizes
         for row, k in enumerate(numbers):
@@ -273,7 +275,7 @@ def place_now(
     off = places - (north, east)
     each_now = np.array([one.now_covariance[:2, :2] + errors.white_m**2 * np.eye(2) for errors, one in every])
     covariance = np.einsum("k,kij->ij", share * scale, each_now) + (share * off.T) @ off
-    np.fill_diagonal(covariance, np.maximum(covariance.diagonal(), _LEAST_M**2))
+    covariance += _ROUNDED_M**2 * np.eye(2)
     (nn, ne), (_, ee) = covariance.tolist()
     best = every[int(share.argmax())][1]
     likely = [every[i] for i in np.flatnonzero(share > _LIKELY)]
