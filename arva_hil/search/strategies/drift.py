@@ -23,7 +23,7 @@ from arva_hil.search.strategies.strategy import Covariance
 DRIFTS_M: Final = (1.0, 0.3, 3.0)  # possible sigmas on each axis; the usual one first
 WHITE_M: Final = 0.1  # sigma of the other errors of a place
 _EXACT_M: Final = 0.0007  # the same for exact ones
-_ROUNDED_M: Final = 0.003  # sigma of the position now, rounded to 1e-7°: mean of north and east
+_ROUNDED_M: Final = 0.0025  # of the position now, rounded to 1e-7°: 80 % of its errors are within twice this
 
 _SLOW_S: Final = (30.0, 5.0)  # correlation time, time constant of the filter
 _AT_ONCE_S: Final = 1e-6  # time constant of a filter that does nothing
