@@ -8,13 +8,12 @@ import os
 import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
 
 from arva_hil.cli import replay
 from arva_hil.cli.arguments import parser_of
 from arva_hil.cli.arguments.shared import OFF
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
-from arva_hil.cli.recorded import loaded, write
+from arva_hil.cli.recorded import loaded, output
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import background_of, said_of_page
 from arva_hil.clock import RealClock
@@ -33,8 +32,9 @@ def main(options: argparse.Namespace) -> int:
             return INTERRUPTED
         state = RecordedState(recording, background_of(options.map, recording.scenario))
         if options.out:
-            page = offline_page(state)
-            write(Path(options.out), page, recording)
+            with output(options.out, recording) as out:
+                page = offline_page(state)
+                out.write(page)
             tell(f"{options.out}: {len(page) / 1e6:.1f} MB, needs neither arva-hil nor a network")
             return OK
         wanted = options.web if isinstance(options.web, HostPort) else HostPort()

@@ -74,6 +74,13 @@ def test_a_place_that_cannot_be_written_is_a_wrong_command_line(arva: Arva, tmp_
     assert not ended.out, "it was found before the work"
 
 
+def test_view_opens_its_file_before_it_makes_the_page(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("arva_hil.cli.view.offline_page", lambda state: pytest.fail("the page was made"))
+    arva("view", write(tmp_path / "flight", 5), "--out", tmp_path / "none" / "page.html", code=2)
+
+
 @pytest.mark.undrawn
 @pytest.mark.parametrize(
     "words",
