@@ -162,7 +162,7 @@ def test_an_existing_record_is_never_overwritten(arva: Arva, tmp_path: Path) -> 
 
 def test_a_file_is_no_folder_for_a_record(arva: Arva, tmp_path: Path) -> None:
     file = written(tmp_path / "file", "mine")
-    assert f"{file}: cannot record: File exists" in arva.refused("replay", DATA / "px4.tlog", "--record", file)
+    assert f"{file}: is no folder; name another one" in arva.refused("replay", DATA / "px4.tlog", "--record", file)
     assert file.read_text() == "mine"
 
 

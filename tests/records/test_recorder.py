@@ -354,7 +354,7 @@ def test_rows_are_on_the_disk_soon_whatever_ends_the_program(tmp_path: Path) -> 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
-    with pytest.raises(RecordError, match=f"{file}: cannot record: File exists"):
+    with pytest.raises(RecordError, match=f"{file}: is no folder; name another one"):
         SearchLog(file)
 
 

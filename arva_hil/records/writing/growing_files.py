@@ -63,8 +63,8 @@ class GrowingFiles:
         self._files: dict[str, FileIO] = {}
         self._pending: dict[str, bytearray] = {name: bytearray() for name in names}
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             refuse_old(folder, [*names, last, *folders], what)
+            folder.mkdir(parents=True, exist_ok=True)
             for name in folders:
                 (folder / name).mkdir()
             for name in names:
@@ -141,7 +141,9 @@ class GrowingFiles:
 
 
 def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
-    """Raise RecordError if `folder` contains one of these files: `what` would be overwritten."""
+    """Raise RecordError if `folder` is a file, or contains one of these files: `what` would be overwritten."""
+    if os.path.exists(folder) and not os.path.isdir(folder):
+        raise RecordError(f"{folder}: is no folder; name another one")
     if there := [name for name in names if os.path.lexists(folder / name)]:
         raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")
 
