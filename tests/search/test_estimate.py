@@ -148,6 +148,19 @@ def test_a_place_that_is_not_exact_is_reported_after_another_circle(monkeypatch:
     assert times_s[1] > times_s[0] + 5.0
 
 
+def test_a_place_that_is_reported_late_is_less_certain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is one of many: of 135 places that were reported after three minutes 5 were farther than three sigmas."""
+
+    def scripted(*arguments: Any) -> PlaceNow:
+        return place_now(*arguments)._replace(covariance=(0.01, 0.0, 0.01))
+
+    monkeypatch.setattr(estimate, "place_now", scripted)
+    for patience_s, sigma_m in ((180.0, 0.1), (1.0, 0.1 * math.sqrt(1.5))):
+        monkeypatch.setattr(estimate, "_PATIENCE_S", patience_s)
+        fly(search := Estimate(1.0), PAPER[1])
+        assert sigma_of(search.found and search.found.now_covariance) == pytest.approx(sigma_m)
+
+
 def test_a_place_is_not_certain_under_the_largest_drift_or_if_places_wander_without_one() -> None:
     evidence = Evidence()
     for k in range(24):

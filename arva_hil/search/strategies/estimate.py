@@ -64,6 +64,7 @@ _REPORT_S: Final = 1.0  # time between two readings that may report a place
 _KNOWN_M: Final = 0.22  # report a place whose sigma is less now
 _AT_ONCE_M: Final = 0.02  # report it without another circle if its sigma is less than this
 _PATIENCE_S: Final = 180.0  # time from the first hover after which that sigma grows
+_TRIES: Final = 1.5  # times the covariance of a place that is reported after that: it is one of many
 _DRIFT: Final = 0.3  # share of a drift by which sigma may be larger in a hover
 
 
@@ -325,7 +326,7 @@ class Estimate:
         checked = sigma < _AT_ONCE_M or (self._circle is not None and self._circle.done)
         known = checked and sigma < _KNOWN_M * max(1.0, after_s / _PATIENCE_S)
         if (near and known) or after_s > _LONGEST_S + _REACH_S:
-            self._found, self._circle = candidate, None
+            self._found, self._circle = _one_of_many(candidate) if after_s > _PATIENCE_S else candidate, None
             return
         if self._circle is None:
             self._circle = Circle(candidate.goal, o.position)
@@ -421,3 +422,11 @@ class Estimate:
 
     def _near(self, o: Observation, near_m: float) -> bool:
         return self._dipoles.sure and math.dist(o.position[:2], self._dipoles.place) < near_m
+
+
+def _one_of_many(found: Found) -> Found:
+    """Return a place that is reported after many tries, of which its sigma may be the smallest by chance."""
+    if found.now_covariance is None:
+        return found
+    nn, ne, ee = found.now_covariance
+    return found._replace(now_covariance=(_TRIES * nn, _TRIES * ne, _TRIES * ee))
